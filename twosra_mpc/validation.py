@@ -80,7 +80,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=1e6), _at_least(1e-6), BeforeValidat
 _Shape = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6)]
 Triple = Annotated[tuple[_Shape, _Shape, _Shape], BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
-MOST_SEGMENTS = 4
+MOST_SEGMENTS = 4  # stiffness modes double with each
 # One entry for each segment. Only who knows the robot can name the entries that are missing, so
 # that a list without any is left to it too.
 EachSegment = Field(max_length=MOST_SEGMENTS, json_schema_extra={"minItems": 1})

@@ -16,7 +16,7 @@ from twosra_mpc.robot.modes import named, soft_segments
 Kind = Literal["drive", "bend", "heat", "melt", "cool", "freeze", "wait"]
 
 _SAME_S = 1e-5  # events closer than this are one
-_WORTH_TELLING_S = 1e-3
+_WORTH_TELLING_S = 1e-3  # shorter activities are rounding to a reader
 _RANK = {"drive": 0, "bend": 0, "melt": 1, "freeze": 1, "heat": 2, "cool": 2, "wait": 3}
 _VERB = {
     "drive": "driving",

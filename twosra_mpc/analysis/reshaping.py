@@ -36,8 +36,8 @@ from twosra_mpc.space.separation import Separation
 if TYPE_CHECKING:  # it imports shapely
     from twosra_mpc.space.possible import Box
 
-_MOST_OBSTACLES = 10
-_ROOM_M, _PLACES = 0.2, 200
+_MOST_OBSTACLES = 10  # each needs a proof of its own
+_ROOM_M, _PLACES = 0.2, 200  # places are 25 mm apart, half a unit
 _NODES = 40  # of a phase
 
 Proof = Callable[[Problem], bool]

@@ -35,8 +35,8 @@ _CONTACTS_M = 1e-3  # between points of an edge that may be touched
 _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or carried
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
-_NO_LINE_M = 1e-7
-_NO_AREA_M2 = 1e-8
+_NO_LINE_M = 1e-7  # width at which a fibre without thickness is drawn
+_NO_AREA_M2 = 1e-8  # a tenth of a millimetre, squared: rounding of the drawing
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 

@@ -134,10 +134,10 @@ def checked_text(text: str, source: str, robot: Robot | None = None) -> PlanChec
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
     with reading(source, "plan"):
-        return _checked(result, plan, document, robot)
+        return _check_claims(result, plan, document, robot)
 
 
-def _checked(
+def _check_claims(
     result: Result, plan: Plan, document: dict[str, Any], robot: Robot | None
 ) -> PlanCheck:
     found, cost = examine(plan.trajectory), cost_of(plan.trajectory)

@@ -127,7 +127,7 @@ _THIRD = (
 )
 # fmt: on
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
-_NO_ERROR = 1e-300
+_NO_ERROR = 1e-300  # avoids 0 / 0 where nothing moves
 
 
 @per_body()

@@ -98,7 +98,7 @@ def examine() -> Iterator[Finding]:
     made: list[Result] = []
     yield _tried("IPOPT (nonlinear programs)", lambda: ipopt(made))
     yield _tried("OSQP (tracker)", lambda: osqp(made))
-    yield _tried("self-test: a plan is written, read and verified", lambda: verified(made))
+    yield _tried("self-test: a plan is written, read and verified", lambda: verify_file(made))
 
 
 def _tried(what: str, probe: Callable[[], str]) -> Finding:
@@ -183,7 +183,7 @@ def osqp(made: list[Result]) -> str:
     return "solves"
 
 
-def verified(made: list[Result]) -> str:
+def verify_file(made: list[Result]) -> str:
     """Write the plan to a file, and check that file."""
     if not made:
         raise RuntimeError("there is no plan to verify")

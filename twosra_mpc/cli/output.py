@@ -16,7 +16,7 @@ import click
 from twosra_mpc.files import plain_data
 
 _WIDTH = 100  # characters: of tables in files and pipes
-EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
+EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4  # 2: click's own
 EXIT_UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
 EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
 EXIT_BUG, EXIT_INTERRUPTED = 70, 130  # as sysexits.h and shells have them

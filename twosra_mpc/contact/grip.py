@@ -25,7 +25,7 @@ from twosra_mpc.space.contour import Contour, contacts
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.possible import disc_enclosed, polygon_enclosed
 
-_SAGITTA_M = 1e-4
+_SAGITTA_M = 1e-4  # by which chords may miss the arc they stand for
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
     return Cage(*found)
 
 
-_FLAT = 1e-9
+_FLAT = 1e-9  # rounding of unit normals
 _OFF = 1e-7  # of a load, out of the cone and still held
 
 

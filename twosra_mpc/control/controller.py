@@ -26,7 +26,7 @@ from twosra_mpc.robot.modes import Stiffness
 Protection = Literal["none", "tripped", "fault"]
 EventKind = Literal["soft", "rigid", "changing", "tripped", "fault", "cleared"]
 
-TRIP_HYSTERESIS_K = 5.0
+TRIP_HYSTERESIS_K = 5.0  # above the noise of sensors
 
 
 @dataclass(frozen=True)

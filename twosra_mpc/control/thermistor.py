@@ -21,8 +21,8 @@ from twosra_mpc.robot.description import Robot
 
 Lag = tuple[float, float]
 
-_ZERO_C_K = 273.15
-_ROOM_K = 298.15
+_ZERO_C_K = 273.15  # kelvin of 0 degrees C
+_ROOM_K = 298.15  # 25 degrees C, at which resistances are stated
 
 
 class Characteristic(Protocol):

@@ -49,8 +49,8 @@ OBJECT_COLOURS = ("#d8b384", "#c3a5dd", "#8ccfd6", "#e9a9c0")
 OBSTACLE_HEIGHT_M = 0.1  # for the picture: the plane is all there is
 UNIT_HEIGHT_M = 0.078  # of the authors' locomotion units
 FIBRE_HEIGHT_M = 0.03  # for the picture: not published
-SEGMENT_THICKNESS_M, LINK_THICKNESS_M = 0.008, 0.005
-ARC_POINTS, TEXT_M = 24, 0.03
+SEGMENT_THICKNESS_M, LINK_THICKNESS_M = 0.008, 0.005  # as drawn, to be told apart
+ARC_POINTS, TEXT_M = 24, 0.03  # of an arc; height of letters
 _FAR_M = 10.0  # edges of boxes that are free
 
 

@@ -28,7 +28,7 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
-HIGHEST_RATE_HZ = 1000.0
+HIGHEST_RATE_HZ = 1000.0  # of set-points; no controller of such robots takes more
 
 
 class Phase(NamedTuple):

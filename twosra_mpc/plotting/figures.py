@@ -36,7 +36,7 @@ PALETTE = (
     *(*OBJECT_COLOURS, CONTACT_COLOUR),
 )
 FAINT = 0.33  # opacity of a pose that is left behind
-DPI = 160
+DPI = 160  # of figures: a page's width in 1600 pixels
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,

@@ -33,7 +33,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 from twosra_mpc.validation import public
 
-WIDTH_IN = 10.0
+WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots

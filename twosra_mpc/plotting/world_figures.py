@@ -18,7 +18,7 @@ from twosra_mpc.robot.coordinates import Array
 
 _FAR_M = 100.0  # edges of what is free: out of every picture
 _NEAR, _LEAST_NEAR_M = 0.2, 0.05  # around a motion, in its size: obstacles there are shown
-_FLAT_M2 = 1e-9
+_FLAT_M2 = 1e-9  # a smaller polygon has no centroid but its corners' mean
 OBSTACLE: dict[str, Any] = {
     "fc": figures.OBSTACLE_COLOUR,
     "ec": figures.OBSTACLE_EDGE_COLOUR,

@@ -74,4 +74,4 @@ def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bo
     )
     margin = np.array([margins[limit.name] for limit in forbids])
     left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
-    return left, (margin + (steep @ half)[:, None] >= 0).all(axis=0)
+    return left, np.all(margin + (steep @ half)[:, None] >= 0, axis=0)

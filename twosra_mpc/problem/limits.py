@@ -107,6 +107,12 @@ def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
     return ca.mmin(ca.vertcat(limit - kappa, limit + kappa))
 
 
+@per_body()
+def _parts_moved_m2(body: Body) -> Array:
+    """How far any point of a part moves at most per curvature of each segment, (n,) [m2]."""
+    return self_collision(body).reach_m * np.array(body.geometry.lengths_m)
+
+
 CURVATURE = ShapeLimit(
     name="curvature_per_m",
     unit="1/m",
@@ -123,7 +129,7 @@ UNIT_GAP = ShapeLimit(
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
     rounding=ROUNDING_M,
     scale=0.1,
-    steep=lambda body: _parts_moved_m2(body),
+    steep=_parts_moved_m2,
 )
 BODY_GAP = ShapeLimit(
     name="body_gap_m",
@@ -279,12 +285,6 @@ def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
     """
     moved: Array = (np.atleast_2d(bent_per_m) * _parts_moved_m2(robot)).sum(axis=1)
     return moved
-
-
-@per_body()
-def _parts_moved_m2(body: Body) -> Array:
-    """How far any point of a part moves at most per curvature of each segment, (n,) [m2]."""
-    return self_collision(body).reach_m * np.array(body.geometry.lengths_m)
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from twosra_mpc.plotting.world_figures import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 
-ARC_POINTS = 16
+ARC_POINTS = 16  # of an arc: chords miss it by less than a pixel
 _NAME_M = np.array([0.006, 0.016])  # from an object to its name, beside it and above it
 _MARGIN_MM, _ASPECT = 22.0, 1.5  # around the robot in the box that is shown, and of that box
 _SAME_S = 1e-6  # events closer than this are one

@@ -86,8 +86,8 @@ class Heater(Value):
 
 Ranges = Annotated[dict[str, Pair], AfterValidator(FrozenDict)]
 
-_COPPER_DENSITY_KG_PER_M3 = 8960.0
-_COPPER_HEAT_J_PER_KG_K = 385.0
+_COPPER_DENSITY_KG_PER_M3 = 8960.0  # at 20 degrees C
+_COPPER_HEAT_J_PER_KG_K = 385.0  # at 25 degrees C
 
 
 class Segment(Tagged):

@@ -16,10 +16,10 @@ from twosra_mpc.robot.geometry import Geometry
 
 STATIONS = 72  # places around an outline at which the robot is laid on
 _POINTS = 65  # along a segment: chords miss an arc of 40 mm and 40 1/m by 2 um
-_THIN_M = 1e-9
-_CORE_M = 2e-5
+_THIN_M = 1e-9  # a line has some width: the rounding of metres
+_CORE_M = 2e-5  # overlaps are seen down to this depth
 _TOUCHES_M, _SPACING_M = 2e-5, 5e-4  # contacts: as near, and looked for as far apart
-_STRAIGHT, _SHARP_RAD = 1e-6, 0.2
+_STRAIGHT, _SHARP_RAD = 1e-6, 0.2  # sine to a side's normal; turn of a corner
 
 
 @dataclass(frozen=True, eq=False)

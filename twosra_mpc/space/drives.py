@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # they import shapely
     from twosra_mpc.space.slices import FreeSlices
 
 HEADINGS = (72, 180, 360)  # slices, finer as needed
-_SPACING_M = 0.04
+_SPACING_M = 0.04  # of the roadmap's grid: about a unit's side
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _NOTHING = np.zeros((0, 4, 2))

@@ -16,7 +16,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 
 SAGITTA_M = 5e-4  # by which chords may miss the arc they stand for
-_THIN_M = 1e-6
+_THIN_M = 1e-6  # of inner pieces, that none is empty
 
 
 @dataclass(frozen=True, eq=False)

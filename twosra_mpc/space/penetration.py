@@ -14,7 +14,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
 
 _LIMIT_SURFACE = 0.6  # of the radius of gyration of the friction, by the square root of area / pi
-_ROUNDING_M2 = 1e-18
+_ROUNDING_M2 = 1e-18  # the area of a nanometre squared
 
 
 class Contact(NamedTuple):

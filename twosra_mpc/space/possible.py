@@ -27,8 +27,8 @@ Box = tuple[Array, Array]  # of poses: least and largest x, y, phi, infinite whe
 
 _QUADRANT = 16  # corners in a quarter of a disc
 _AROUND_M = 1.0  # beyond all obstacles
-_EVERYWHERE_M = 1e6
-_AT_EDGE_M = 1e-6
+_EVERYWHERE_M = 1e6  # stands for infinity, where GEOS wants numbers
+_AT_EDGE_M = 1e-6  # rounding of GEOS at the edges of the box
 
 
 def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]:
@@ -139,7 +139,7 @@ def blocked_unit(
     return None
 
 
-HEADINGS = (72, 180, 360)
+HEADINGS = (72, 180, 360)  # slices of 5, 2 and 1 degrees
 _FINE_QUADRANT = 32  # corners in a quarter of a disc
 _BESIDE_M = 0.1  # beyond what is around an object
 

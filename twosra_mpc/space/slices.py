@@ -52,11 +52,11 @@ from twosra_mpc.space.minkowski import (
 Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
-_ROUNDING_M = 1e-6
+_ROUNDING_M = 1e-6  # of GEOS, and to spare
 _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
-_GRID_M, _LOST_M2 = 1e-9, 1e-9
+_GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid
 AT_EDGE_M = 1e-6  # of a box
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y

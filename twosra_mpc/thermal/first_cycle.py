@@ -35,7 +35,7 @@ from twosra_mpc.thermal.uncertainty import EXACT
 
 _LATEST_S, _FINEST_S = 1024.0, 1 / 16  # of h: one bound for all that is later; shortest interval
 _MOST_SPLITS = 1000  # of the intervals of one bound; nearly all take fewer than 500
-_FOR_EVER_S = 1e9
+_FOR_EVER_S = 1e9  # 30 years
 _ROUNDED = 128.0  # states are rounded down to such a share of their unit
 
 

@@ -33,7 +33,7 @@ from twosra_mpc.thermal.first_cycle import FirstCycle
 from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.model import SegmentModel, State
 
-_FOR_EVER_S = 1e9
+_FOR_EVER_S = 1e9  # 30 years
 
 
 @dataclass(frozen=True)

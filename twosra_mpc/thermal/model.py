@@ -156,7 +156,7 @@ def reference_times(
     return ReferenceTimes(lead, melt, coasting, freeze)
 
 
-_EXACT_S, _UNIT = 1e-12, 2.0**-52
+_EXACT_S, _UNIT = 1e-12, 2.0**-52  # absolute, and the rounding of a float
 
 
 Point = tuple[float, float]  # time [s] and value

@@ -294,8 +294,8 @@ def _planned(studied: StudyProblem, robot: Robot) -> OptimalProblem:
         result, greedy = plan(problem), plan(problem.with_values(planner="greedy"))
     except InputError as error:
         return OptimalProblem(studied.seed, REFUSED, str(error))
-    sequence, duration_s, waiting_s = _timed(result)
-    greedy_sequence, greedy_duration_s, greedy_waiting_s = _timed(greedy)
+    sequence, duration_s, waiting_s = _durations(result)
+    greedy_sequence, greedy_duration_s, greedy_waiting_s = _durations(greedy)
     made = result.plan
     return OptimalProblem(
         seed=studied.seed,
@@ -315,7 +315,7 @@ def _planned(studied: StudyProblem, robot: Robot) -> OptimalProblem:
     )
 
 
-def _timed(result: Result) -> tuple[ModeSequence, float, float]:
+def _durations(result: Result) -> tuple[ModeSequence, float, float]:
     """Sequence, duration and time at rest of a plan that verifies; nothing and NaN without one."""
     made = result.plan
     if made is None or not made.verification.ok:
