@@ -22,7 +22,6 @@ from hypothesis import strategies as st
 
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import (
-    LinearMap,
     NtcDivider,
     TemperatureSensor,
     temperature_sensor,
@@ -30,6 +29,7 @@ from twosra_mpc.control.thermistor import (
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,
+    LinearMap,
     Profile,
     save_run,
     simulate_heater,

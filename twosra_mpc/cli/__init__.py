@@ -45,7 +45,7 @@ _COMMANDS = {
         "plan": ("cli.planning", "Plan a scenario, with a proved gap."),
         "explain": ("cli.comparisons", "Say why a plan is what it is, and what others cost."),
         "check-passage": (
-            "cli.world_commands",
+            "lab.commands.passage_command",
             "Say in which shapes the robot can drive to the goal.",
         ),
         "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),

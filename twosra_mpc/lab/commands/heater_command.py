@@ -14,6 +14,7 @@ from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,
+    LinearMap,
     Stretch,
     save_run,
     simulate_heater,
@@ -24,7 +25,7 @@ from twosra_mpc.robot.modes import Stiffness
 
 _SENSORS: dict[str, thermistor.Characteristic] = {
     "ntc": thermistor.NtcDivider(),
-    "linear": thermistor.LinearMap(),
+    "linear": LinearMap(),
 }
 
 

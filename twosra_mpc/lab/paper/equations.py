@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
-from twosra_mpc.control.thermistor import LinearMap, NtcDivider
+from twosra_mpc.control.thermistor import NtcDivider
+from twosra_mpc.lab.bench.heater_loop import LinearMap
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Part, Tell
 from twosra_mpc.lab.paper.section import Section
