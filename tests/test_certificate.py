@@ -6,6 +6,7 @@ import copy
 import itertools
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ SHORTFALL = 5e-4  # of the bound that is reported
 FREE_BENDS = 0.02  # where bends that the goal leaves free must keep units apart: not in the proof
 
 
+@cache
 def proved(problem: Problem) -> tuple[Result, dict[str, Any], float]:
     """A plan, its certificate, and what that proves."""
     result = plan(problem)

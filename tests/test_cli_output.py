@@ -36,7 +36,8 @@ from test_occupancy_map import write_map
 from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
-from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc import NoPlanError, Result, cli, load_problem, robot_names, scenario_names
+from twosra_mpc.analysis import passages
 from twosra_mpc.cli import (
     options,
     output,
@@ -76,6 +77,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that start at a scenario plan a quick one, and draw and film little."""
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
+    find = passages.find_passages
+    monkeypatch.setattr(passages, "find_passages", lambda of, _step, *more: find(of, 70.0, *more))
     monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
@@ -426,15 +429,21 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
         yield connect_once
 
 
+@pytest.fixture(scope="module")
+def proved(solved: Solved) -> Result:
+    """A plan that carries its proof."""
+    found = solved("shape-change")
+    proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
+    return replace(found, certificate=proof)
+
+
 @pytest.mark.usefixtures("quick", "one_run")
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OWN_TESTS])
 def test_every_example_runs(
-    name: str, run: Run, solved: Solved, connect: Callable[[int], None], tmp_path: Path
+    name: str, run: Run, proved: Result, connect: Callable[[int], None], tmp_path: Path
 ) -> None:
-    found = solved("shape-change")
-    proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
     for target in ("plan.json", "other.json"):
-        replace(found, certificate=proof).save(tmp_path / target)
+        proved.save(tmp_path / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")

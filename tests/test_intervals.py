@@ -38,7 +38,7 @@ def every_operation() -> ca.Function:
 BOX = st.tuples(st.floats(-2.9, 6.0), st.floats(0.0, 3.0))
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(first=BOX, second=BOX, seed=st.integers(0, 2**32 - 1))
 def test_every_value_lies_in_the_enclosure(
     first: tuple[float, float], second: tuple[float, float], seed: int

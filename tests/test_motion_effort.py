@@ -129,7 +129,7 @@ def test_no_weight_is_no_change() -> None:
     assert (plain.samples.q == zero.samples.q).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     kappa=st.tuples(st.floats(-40, 40), st.floats(-40, 40)),
     mode=st.sampled_from([SOFT_1, SOFT_2, SOFT_BOTH]),

@@ -161,6 +161,9 @@ def imports(module: str) -> Iterator[str]:
             yield node.module
 
 
+IMPORTS = [(module, name) for module in MODULES for name in imports(module)]
+
+
 def stage(module: str) -> int:
     found = [
         (len(name), i)
@@ -172,16 +175,14 @@ def stage(module: str) -> int:
     return max(found)[1]  # the longest name is the nearest one
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_libraries_stay_behind_their_seam(module: str) -> None:
-    for name in imports(module):
+def test_libraries_stay_behind_their_seam() -> None:
+    for module, name in IMPORTS:
         places = ALLOWED.get(name.split(".")[0])
         assert places is None or module.startswith(places), f"{module} imports {name}"
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_the_flow_has_one_direction(module: str) -> None:
-    for name in imports(module):
+def test_the_flow_has_one_direction() -> None:
+    for module, name in IMPORTS:
         if name.startswith("twosra_mpc.") and (module, name) not in AGAINST_THE_FLOW:
             path = name.removeprefix("twosra_mpc.").replace(".", "/")
             target = f"{path}.py" if (PACKAGE / f"{path}.py").exists() else f"{path}/"
@@ -248,8 +249,13 @@ def tags(node: ast.ClassDef) -> Iterator[str]:
             yield from given if isinstance(given, tuple) else (given,)
 
 
-def asked_for(module: str) -> Iterator[str]:
+@functools.cache
+def asked_for(module: str) -> frozenset[str]:
     """Names of classes and texts that a module tests a value against."""
+    return frozenset(_asked_for(module))
+
+
+def _asked_for(module: str) -> Iterator[str]:
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance":
             kinds = node.args[1]
@@ -271,7 +277,7 @@ def test_what_is_chosen_among_is_open() -> None:
         assert names
         for module in MODULES:
             if not module.startswith(places):
-                found |= {(module, name) for name in names & set(asked_for(module))}
+                found |= {(module, name) for name in names & asked_for(module)}
     assert not found
 
 
