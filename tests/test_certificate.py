@@ -333,4 +333,4 @@ def test_what_has_no_proof_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
             check(random_problem(0), wrong)
     monkeypatch.setattr(installed, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="python-flint"):
-        installed.require_flint()
+        installed.require("--proof", "proof", "python-flint")

@@ -59,7 +59,7 @@ def column(samples: Samples, name: str, segment: int, values: Array) -> Samples:
 def remade(problem: Problem, samples: Samples, segment: int) -> Samples:
     """The samples with what their currents make of a segment."""
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = heated_states(problem, samples, segment, model)
+    states = heated_states(samples, segment, model, problem.temperatures[segment])
     for name, of in (
         ("temperature_C", model.temperature_C),
         ("melt_fraction", model.melt_fraction),

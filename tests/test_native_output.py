@@ -191,3 +191,17 @@ _, solver, stopping = multiple_shooting.ipopt(load_robot("2sra-v1"), None, 1, 1,
 solver(x0=-1.0, p=1.0, lbx=-2.0, ubx=-1.0)
 """
     assert ran(sys.executable, "-c", code) == (0, "", "")
+
+
+@pytest.mark.parametrize("module", ["plotting", "lab.figures"])
+def test_figures_are_quiet_where_nothing_can_be_kept(module: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()  # in which there is no folder, whoever asks
+    nowhere = dict.fromkeys(("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"), str(tmp_path / "file"))
+    kept = {name: value for name, value in os.environ.items() if name != "MPLCONFIGDIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", f"import twosra_mpc.{module}"],
+        env={**kept, **nowhere},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -103,7 +103,7 @@ def test_json_stays_a_plan(run: Run, tmp_path: Path, planned: Planned) -> None:
         (["plan.json", "a.csv", "--rate", "fast"], ["--rate", "fast"]),
         (["plan.json", "a.txt", "--rate", "1"], ["output = 'a.txt'", ".csv or .json"]),
         (["plan.json", "no/a.csv", "--rate", "1"], ["output = 'no/a.csv'", "folder"]),
-        (["plam.json", "a.csv", "--rate", "1"], ["plam.json", "No such file"]),
+        (["plam.json", "a.csv", "--rate", "1"], ["plam.json", "a file that exists"]),
     ],
 )
 def test_bad_input_is_named_and_nothing_is_written(

@@ -84,7 +84,6 @@ AGAINST_THE_FLOW = {
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
     (
-        "version.py",
         "installation.py",
         "errors.py",
         "effort.py",
@@ -93,6 +92,7 @@ STAGES = [
         "files.py",
         "native_output.py",
         "keys.py",
+        "arguments.py",
         "validation.py",
     ),
     ("thermal/",),
@@ -318,10 +318,10 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 30_044, 246  # all but the laboratory
-MOST_LINES = 37_979
+MOST_CORE_LINES, MOST_CORE_FILES = 30_313, 249  # all but the laboratory
+MOST_LINES = 38_262
 TWICE = ("bends.py", "ends.py", "stages.py")  # to be renamed in planning
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 406, 61  # paper-1, planned once before
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 406, 62  # paper-1, planned once before
 
 
 def code_lines(module: str) -> int:

@@ -278,7 +278,7 @@ OBJECT_MISTAKES: dict[str, tuple[dict[str, Any], str, str]] = {
     "an outline that is not there": (
         {"disc": None, "outline": "nowhere.csv"},
         "objects.0",
-        "a file that can be read",
+        "a file that exists",
     ),
     "a negative friction": ({"friction": -0.1}, "objects.0.friction", "greater than or equal to 0"),
     "the name of another": ({"name": "box"}, "objects.1.name", "a name that nothing else has"),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         PlanInterrupted,
         TwosraError,
     )
+    from twosra_mpc.installation import __version__
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import plan
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.robot.path_fitting import with_path_model
     from twosra_mpc.schema import json_schema
-    from twosra_mpc.version import __version__
 
 # Module -> its public names, imported when they are first asked for: solvers take a second to load.
 _PUBLIC = {
@@ -72,7 +72,7 @@ _PUBLIC = {
     "robot.modes": ("Mode",),
     "robot.path_fitting": ("with_path_model",),
     "schema": ("json_schema",),
-    "version": ("__version__",),
+    "installation": ("__version__",),
 }
 _MODULES = {name: module for module, names in _PUBLIC.items() for name in names}
 

@@ -27,6 +27,7 @@ from twosra_mpc.analysis.critical_path import (
     hidden_activities,
     in_words,
 )
+from twosra_mpc.arguments import made, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.planner import plan_until_interrupted
@@ -86,6 +87,7 @@ class TaskCost:
         return "no melt"
 
 
+@made
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """Reasons for a plan, and its alternatives.
@@ -147,6 +149,7 @@ class Explanation:
         return "\n".join(lines)
 
 
+@public
 def explain(
     subject: Result | Problem,
     *,

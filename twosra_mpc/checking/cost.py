@@ -7,7 +7,6 @@ the integral of the sum of (wheel speed / largest wheel speed)^2, by the inputs 
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from twosra_mpc.checking.heat import heated_states
 from twosra_mpc.checking.reintegration import between
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
+from twosra_mpc.problem.driven import driven
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import segment_model
 
@@ -37,26 +37,20 @@ def effort_s(trajectory: Trajectory) -> float:
     By Simpson's rule, corrected by the derivatives at the ends of intervals: exact for rigid
     motion, else to 1e-7. Intervals are cut where soft segments bend.
     """
-    plan = _cut(trajectory)
-    moving, lasting = plan.driven, np.diff(plan.samples.t_s)
+    samples, robot, moving = trajectory.samples, trajectory.problem.robot, trajectory.driven
+    t_s = samples.t_s
+    fine, at = between(samples, np.where(samples.mode[:-1].any(axis=1), _CUT, np.inf), least=0)
+    if len(fine) > len(samples):
+        since, t_s = (fine.t_s - samples.t_s[at])[:, None], fine.t_s
+        s = (samples.v[at] + samples.a[at] * since / 2) * since
+        q = flown(robot, samples.q[at], s, samples.mode[at])
+        moving = driven(robot, q, fine.v, fine.a, np.append(np.diff(t_s), 0.0), fine.mode)
+    lasting = np.append(np.diff(t_s), 0.0)[moving.rows]
     squares = (moving.wheel_rad_s**2).sum(axis=2)
     growth = 2 * (moving.wheel_rad_s * moving.wheel_rad_s2).sum(axis=2)
-    lasting = np.append(lasting, 0.0)[moving.rows]
     mean = (7 * squares[0] + 16 * squares[1] + 7 * squares[2]) / 30
     mean += lasting * (growth[0] - growth[2]) / 60
-    return float(mean @ lasting) / trajectory.problem.robot.limits.wheel_speed_rad_s**2
-
-
-def _cut(trajectory: Trajectory) -> Trajectory:
-    """The trajectory with samples where soft segments have bent far since the one before."""
-    samples, robot = trajectory.samples, trajectory.problem.robot
-    fine, at = between(samples, np.where(samples.mode[:-1].any(axis=1), _CUT, np.inf), least=0)
-    if fine is samples:
-        return trajectory
-    since = (fine.t_s - samples.t_s[at])[:, None]
-    s = (samples.v[at] + samples.a[at] * since / 2) * since
-    q = flown(robot, samples.q[at], s, samples.mode[at])
-    return replace(trajectory, samples=replace(fine, q=q))
+    return float(mean @ lasting) / robot.limits.wheel_speed_rad_s**2
 
 
 def energy_J(problem: Problem, samples: Samples) -> float:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
-from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -150,6 +149,8 @@ def pushes(
     forces within their friction cones add up to that load. Contacts are the points of its edge
     that are nearest to the robot, and those half a millimetre further away.
     """
+    from scipy.optimize import nnls  # only then anyone waits for it
+
     still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
     placed = thing.at(pose_in_b0)
     points, inward = contacts(geometry, placed, still)

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc.arguments import made, public
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.reintegration import between_problems
 from twosra_mpc.checking.verification import Findings, examine, verify
@@ -35,7 +36,7 @@ from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.path_fitting import with_path_model
-from twosra_mpc.validation import ArrayValue, public
+from twosra_mpc.validation import ArrayValue
 
 _YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state
 _UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
@@ -60,6 +61,7 @@ class Check:
     unit: str = ""
 
 
+@made
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanCheck(ArrayValue):
     """A plan file that was checked.

@@ -19,7 +19,7 @@ import bisect
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -168,7 +168,25 @@ _FIT = np.linalg.inv(chebvander(2 * _NODES - 1, _DEGREE))
 _LEAST_STEP = 1e-12  # m or rad: where that is too long, a curvature runs away
 
 
-def reintegrate(problem: Problem, samples: Samples) -> Array:
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """What moves a robot, of `Samples`: times (m,), inputs and rates (m, 5), modes (m, n)."""
+
+    t_s: Array
+    v: Array
+    a: Array
+    mode: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Whether the robot moves from each row to the next, (m,)."""
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
+
+
+def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:
     """Integrate q' = J(q, mode) v over the samples from the start configuration, (m, 3 + n).
 
     Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
@@ -258,17 +276,26 @@ class _Steps:
         return after, error, curvature
 
 
-def paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
+def displacements(samples: Samples | Sent) -> Array:
+    """Input displacements s = (v + a dt / 2) dt from each row to the next, (m - 1, 5)."""
+    dt = np.diff(samples.t_s)[:, None]
+    moved = samples.a[:-1] * dt  # the rest is done in place: there may be many rows
+    moved /= 2
+    moved += samples.v[:-1]
+    moved *= dt
+    return moved
+
+
+def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     """Runs of samples with one mode and one direction: (first, last, direction, lengths).
 
-    Lengths are those of the input displacements s = (v + a dt / 2) dt, direction is s / |s|, zero
-    at rest.
+    Lengths are those of the input displacements s, direction is s / |s|, zero at rest.
     """
-    dt = np.diff(samples.t_s)[:, None]
-    moved = (samples.v[:-1] + samples.a[:-1] * dt / 2) * dt
-    lengths = np.linalg.norm(moved, axis=1)
-    direction = moved / np.where(lengths > 0, lengths, 1.0)[:, None]
-    turned = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
+    direction = displacements(samples)
+    lengths = np.linalg.norm(direction, axis=1)
+    direction /= np.where(lengths > 0, lengths, 1.0)[:, None]
+    turns = np.diff(direction, axis=0)
+    turned = np.abs(turns, out=turns).max(axis=1, initial=0.0) > _SAME_DIRECTION
     turned |= np.diff(samples.mode[:-1], axis=0).any(axis=1)
     starts = [0, *(np.flatnonzero(turned) + 1).tolist(), len(lengths)]
     for first, last in itertools.pairwise(starts):
@@ -276,33 +303,29 @@ def paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
             yield first, last, direction[first], lengths[first:last]
 
 
-def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, NDArray[np.intp]]:
-    """Samples whose inputs move no more than ``cut`` (m or rad) from one to the next.
+def between(samples: Samples, cut: float | Array, least: int) -> tuple[Sent, NDArray[np.intp]]:
+    """What moves the robot no more than ``cut`` (m or rad) from one row to the next.
 
     ``cut`` may be a list, one for each interval. Those that move are cut into ``least`` more parts.
-    Only times, inputs, rates and modes are those of the plan at these times; the rest is held.
 
     Returns:
-        The finer samples, and for each the row of ``samples`` in force.
+        The finer rows, and for each the row of ``samples`` in force.
 
     Raises:
         InputError: If something moves absurdly far.
     """
     dt = np.diff(samples.t_s)
-    moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
+    moved = np.abs(displacements(samples)).max(axis=1)
     if not (moved / cut).sum() <= _MOST_CUTS:
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)
     cuts = np.maximum(np.ceil(moved / cut) + least, 1).astype(int)
-    if (cuts == 1).all():
-        return samples, np.arange(len(samples))
     at = np.repeat(np.arange(len(cuts)), cuts)
     share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
     t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])
     at = np.append(at, len(cuts))
-    v = samples.v[at] + samples.a[at] * (t - samples.t_s[at])[:, None]
-    held = {item.name: getattr(samples, item.name)[at] for item in fields(samples)}
-    return Samples(**{**held, "t_s": t, "v": v}), at
+    a = samples.a[at]
+    return Sent(t, samples.v[at] + a * (t - samples.t_s[at])[:, None], a, samples.mode[at]), at
 
 
 _CUT = 1e-4  # m: what an input moves between the places that are looked at

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.checking.reintegration import between, displacements, reintegrate
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
@@ -118,8 +118,7 @@ def swept(problem: Problem, samples: Samples) -> Sweep | None:
     left = geometry.inner_link_of_b0
     bent = np.abs(d[:, POSE:]) * reach
     one_side = np.maximum(bent[:, :left].sum(axis=1), bent[:, left:].sum(axis=1))
-    dt = np.diff(fine.t_s)[:, None]
-    s = (fine.v[:-1] + fine.a[:-1] * dt / 2) * dt
+    s = displacements(fine)
     driven = np.hypot(s[:, 2], s[:, 3]) + rho * np.abs(s[:, 4])
     travel = np.where(soft[rows], np.hypot(d[:, 0], d[:, 1]) + rho * d[:, 2] + one_side, driven)
     return Sweep(fine.t_s, q, np.append(0.0, np.cumsum(travel)))
@@ -127,9 +126,10 @@ def swept(problem: Problem, samples: Samples) -> Sweep | None:
 
 def _beyond_chord(d: Array, rows: NDArray[np.intp]) -> Array:
     """Largest second difference of each coordinate beside each difference d (m, k), (m, k)."""
-    second = np.where((rows[1:] == rows[:-1])[:, None], np.abs(np.diff(d, axis=0)), 0.0)
-    none = np.zeros((1, d.shape[1]))
-    beside: Array = np.maximum(np.vstack([none, second]), np.vstack([second, none]))
+    second, beside = np.diff(d, axis=0), np.zeros_like(d)
+    np.abs(second, out=second)[rows[1:] != rows[:-1]] = 0.0
+    beside[1:] = second
+    np.maximum(beside[:-1], second, out=beside[:-1])
     return beside
 
 

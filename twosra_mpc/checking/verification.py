@@ -18,12 +18,16 @@ from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.model.outline import outline_points
-from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.driven import Driven, margins
-from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
+from twosra_mpc.problem.limits import (
+    WHEEL_SPEED,
+    WORKSPACE,
+    outline_at,
+    settled,
+    workspace_margins,
+)
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
@@ -262,9 +266,9 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
         if known[k] - travel > least + _OFF_M:
             continue
         charge(Cost.OUTLINE, len(q[part]))
-        margins, same = workspace_margins(problem, q[part]), at[part][2:] == at[part][:-2]
-        points = by_rows(outline_points(problem.robot.geometry), q[part])[0]
-        aside = _aside(np.diff(points.reshape(len(margins), -1, 2), axis=0))
+        points = outline_at(problem.robot, q[part])
+        margins, same = workspace_margins(problem, q[part], points), at[part][2:] == at[part][:-2]
+        aside = _aside(np.diff(points, axis=0))
         off, bent = np.zeros(len(margins)), aside.max(axis=1, initial=0.0)
         off[1:-1] = np.where(same, bent, 0.0)  # corners of a path lie between intervals
         off[:-1] = np.maximum(off[:-1], off[1:])

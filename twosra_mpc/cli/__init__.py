@@ -35,9 +35,9 @@ from twosra_mpc.errors import (
     TwosraError,
     printable,
 )
+from twosra_mpc.installation import __version__
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
 from twosra_mpc.keys import near_number, near_word
-from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
 _COMMANDS = {

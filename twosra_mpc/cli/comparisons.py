@@ -215,7 +215,7 @@ def _print_explanation(found: Explanation) -> None:
     if found.reshaping is not None:
         rows += _named_once("reshaping" if made.found else "blocked", found.reshaping.why)
         rows += _named_once("where", found.reshaping.places)
-    print_table((made.problem.robot.name, made.planner), rows)
+    print_table((made.problem.robot.name, f"planner {made.planner}"), rows)
     if found.tasks:
         tasks = [
             (each.words, f"{each.duration_s:z8.2f} s", f"{each.energy_J:z.0f} J", each.shares)

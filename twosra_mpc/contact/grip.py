@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.objects import Object
@@ -145,6 +144,8 @@ def _facets(generators: Array) -> Array:
     flat = np.concatenate([axes[rank:], -axes[rank:]])
     own = rays @ axes[:rank].T
     if rank == 3:
+        from scipy.spatial import ConvexHull  # only then anyone waits for it
+
         hull = ConvexHull(np.vstack([np.zeros(3), own])).equations
         sides = hull[np.abs(hull[:, 3]) < _FLAT, :3]
         sides = sides[np.unique(np.round(sides, 9), axis=0, return_index=True)[1]]

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.doubt import DoubtError
@@ -28,7 +29,6 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, sequence_name
-from twosra_mpc.validation import public
 
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 _LONGER = 2  # doublings: two melts of 2sra-v1, after which all of it is liquid

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
@@ -89,17 +89,22 @@ class Reading(ArrayValue):
 class RobotInterface(Protocol):
     """A robot, and what sees and measures it.
 
+    A class of this shape is one. A subclass has ``robot`` and ``camera`` as properties, or declares
+    them as attributes: ``robot: Robot``.
+
     Raises:
         RobotError: By any of its methods, if it cannot be driven any more.
     """
 
-    @property
-    def robot(self) -> Robot:
-        """The robot as its owner describes it; only plans for this one are run."""
+    if TYPE_CHECKING:  # only read; at run time a property here would keep subclasses from setting
 
-    @property
-    def camera(self) -> Camera:
-        """What is known about its camera; commands are given at the camera's rate."""
+        @property
+        def robot(self) -> Robot:
+            """The robot as its owner describes it; only plans for this one are run."""
+
+        @property
+        def camera(self) -> Camera:
+            """What is known about its camera; commands are given at the camera's rate."""
 
     def read(self) -> Reading:
         """Return what is known now; does not wait."""

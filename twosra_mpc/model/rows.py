@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 
-_BLOCK = 256  # rows at once: a function for so many rows weighs as much as their arrays
+_BLOCK = 64  # rows at once: a function for so many rows weighs as much as their arrays
 
 
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
@@ -19,11 +21,11 @@ def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Arr
     count = len(rows[0])
     if not count:
         return [np.empty((0, function.numel_out(i))) for i in range(function.n_out())]
-    block = min(count, _BLOCK)
+    block = math.ceil(count / math.ceil(count / _BLOCK))  # all alike
     idle = _idle(function, block)
     ready = idle.pop() if idle else _Ready(function, block)
     values = [np.empty((count, each.shape[1])) for each in ready.writes]
-    for first in range(0, count, _BLOCK):
+    for first in range(0, count, block):
         at = slice(min(first, count - block), min(first, count - block) + block)  # ends with rows
         for own, given in zip(ready.reads, rows, strict=True):
             own[:] = given[at]

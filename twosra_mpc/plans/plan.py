@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from twosra_mpc.arguments import made
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
@@ -77,6 +78,7 @@ class Verification:
         return {**vars(self), **written, "problems": list(self.problems)}
 
 
+@made
 @dataclass(frozen=True, eq=False)
 class Plan(ArrayValue):
     """A plan: what happens at any time, what it costs, and what is proved of it.

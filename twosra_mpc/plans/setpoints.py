@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.validation import public
 
 
 def changed(table: Array, step: ArrayLike = 0.0) -> NDArray[np.bool_]:

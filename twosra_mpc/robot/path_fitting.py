@@ -29,13 +29,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize_scalar
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_word
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
-from twosra_mpc.validation import public
 
 Case: TypeAlias = Literal["I", "II", "III"]
 

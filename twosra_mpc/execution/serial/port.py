@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.installation import install_command
+from twosra_mpc.installation import require
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.modes import Mode, rigid_mode
 
@@ -196,11 +196,9 @@ def open_serial_port(name: str) -> SerialPort:
     Raises:
         InputError: If pyserial is not installed, or there is no such port.
     """
-    try:
-        from serial import Serial, SerialException
-    except ImportError as error:
-        allowed = f"any, once pyserial is installed: {install_command('serial')}"
-        raise InputError("port", name, allowed) from error
+    require("a serial line", "serial", "pyserial")
+    from serial import Serial, SerialException
+
     try:
         opened = Serial(name, BAUD, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True)
     except (SerialException, ValueError) as error:

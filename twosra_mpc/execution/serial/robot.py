@@ -17,6 +17,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial.port import (
@@ -40,7 +41,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.validation import public
 
 RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
@@ -94,6 +95,7 @@ class SimulatedRobot:
         q: True configuration, (3 + n,).
     """
 
+    @public
     def __init__(
         self,
         problem: Problem,

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
@@ -27,7 +28,7 @@ from twosra_mpc.problem.tasks import carries
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.validation import ArrayValue, public
+from twosra_mpc.validation import ArrayValue
 
 _STEP_M = 1e-3  # the outline moves no farther between two looks
 
