@@ -129,7 +129,7 @@ class Scene:
         return artists
 
     def _nearest(self, row: int) -> list[Artist]:
-        """Where the robot came nearest to an obstacle, once it has."""
+        """Nearest point of the robot to an obstacle, once it has been there."""
         nearest = self._playback.nearest
         if nearest is None or self._playback.time_s[row] < nearest.at_s:
             return []
