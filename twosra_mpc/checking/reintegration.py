@@ -170,7 +170,7 @@ _LEAST_STEP = 1e-12  # m or rad: where that is too long, a curvature runs away
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """Commands that move a robot, of `Samples`: times (m,), inputs and rates (m, 5), modes (m, n)."""
+    """Commands that move a robot, of `Samples`: times (m,), inputs, rates (m, 5), modes (m, n)."""
 
     t_s: Array
     v: Array
