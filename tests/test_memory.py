@@ -28,6 +28,7 @@ PACKAGE = Path(twosra_mpc.__file__).parent
 FEW = {  # functions asked for few things ever, so that their caches need no bound
     "cli/doctor.py": "_packages_of_modules: of nothing",
     "model/series.py": "_series: three series",
+    "keys.py": "_words: of nothing",
     "lab/figures/paper_figures.py": "_plans, _published: five tasks",
     "lab/paper/kept.py": "package_digest: of nothing",
     "lab/reproduction/simulations.py": "run: five simulations",
