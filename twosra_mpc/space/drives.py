@@ -20,7 +20,6 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.footprint import SAGITTA_M, Footprint, footprint, kept_m
-from twosra_mpc.space.roadmap import Bools, Proof, by_one_pose, improved, shortest
 from twosra_mpc.space.screws import (
     clear_legs,
     continued,
@@ -29,6 +28,7 @@ from twosra_mpc.space.screws import (
     twists,
 )
 from twosra_mpc.space.separation import Separation
+from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
 
 if TYPE_CHECKING:  # they import shapely
     from twosra_mpc.space.roadmap import Field, Roadmap
