@@ -21,7 +21,7 @@ from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.model.cache import BODIES, per_body, per_function
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rows import by_rows
-from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.robot.description import Robot
 
 PACKAGE = Path(twosra_mpc.__file__).parent

@@ -19,7 +19,7 @@ from benchmarks.study import Count, Counts, Measured, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import Candidate, solve
+from twosra_mpc.planning.solver.fixed_sequence import Candidate, solve
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, ModeSequence
 from twosra_mpc.timing import transition_model
 from twosra_mpc.validation import NonNegative, plain

@@ -26,18 +26,18 @@ from benchmarks.study import Count, Measured, Study
 ROOT = Path(__file__).parents[2]
 _COPIED = ("twosra_mpc", "tests", "benchmarks", "examples", "pyproject.toml")
 _LONGEST_S = 1800.0  # of a run of tests: a mutant that never ends is noticed, too
-_SEARCH = "twosra_mpc/planning/search"
+_BOUNDS = "twosra_mpc/planning/bounds"
 # Module -> the tests beside it.
 TESTS: dict[str, tuple[str, ...]] = {
-    f"{_SEARCH}/bends.py": ("test_bounds", "test_bending", "test_node_bounds"),
-    f"{_SEARCH}/bounds.py": ("test_bounds", "test_motion_effort"),
-    f"{_SEARCH}/drive_bound.py": ("test_drive_bound",),
-    f"{_SEARCH}/linear_program.py": ("test_linear_program",),
-    f"{_SEARCH}/mission_bound.py": ("test_missions", "test_node_bounds"),
-    f"{_SEARCH}/motion_bound.py": ("test_motion_bound",),
-    f"{_SEARCH}/pose_bound.py": ("test_pose_bound",),
-    f"{_SEARCH}/rigid_motion.py": ("test_rigid_motion",),
-    f"{_SEARCH}/schedule.py": ("test_timing", "test_bounds"),
+    f"{_BOUNDS}/bends.py": ("test_bounds", "test_bending", "test_node_bounds"),
+    f"{_BOUNDS}/sequence_bound.py": ("test_bounds", "test_motion_effort"),
+    f"{_BOUNDS}/drive_bound.py": ("test_drive_bound",),
+    f"{_BOUNDS}/linear_program.py": ("test_linear_program",),
+    f"{_BOUNDS}/stages_bound.py": ("test_missions", "test_node_bounds"),
+    f"{_BOUNDS}/motion_bound.py": ("test_motion_bound",),
+    f"{_BOUNDS}/pose_bound.py": ("test_pose_bound",),
+    f"{_BOUNDS}/rigid_motion.py": ("test_rigid_motion",),
+    f"{_BOUNDS}/schedule.py": ("test_timing", "test_bounds"),
     "twosra_mpc/model/bending.py": ("test_bending", "test_bounds"),
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/problem/tolerances.py": ("test_tolerance", "test_attack", "test_verify_command"),

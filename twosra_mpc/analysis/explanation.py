@@ -29,13 +29,13 @@ from twosra_mpc.analysis.critical_path import (
 )
 from twosra_mpc.arguments import made, public
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import stages
+from twosra_mpc.plans.stages import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model
@@ -255,7 +255,7 @@ def task_costs(made: Plan) -> tuple[TaskCost, ...]:
     """Costs of the stages of a mission's plan: times and energies add up to the plan's."""
     heating = transition_model(made.problem).heating(made.transitions)
     found, shape_of = list[TaskCost](), "the start"
-    parts = stages(made.trajectory)
+    parts = stretches(made.trajectory)
     for i, stage in enumerate(parts):
         ends_s = stage.to_s if i + 1 < len(parts) else made.duration_s
         melts = [item for item in made.transitions if item.to == "soft"]

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from twosra_mpc.planning.obstacles.block import Block, Sweep, blocks_of
-from twosra_mpc.planning.obstacles.necessity import (
+from twosra_mpc.planning.solver.block import Block, Sweep
+from twosra_mpc.planning.stages.necessity import (
     HEADINGS,
     Necessity,
     last_shape,
@@ -29,7 +29,14 @@ from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
-from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, ModeSequence, is_rigid, sequence_name
+from twosra_mpc.robot.modes import (
+    RIGID,
+    SOFT_BOTH,
+    ModeSequence,
+    blocks_of,
+    is_rigid,
+    sequence_name,
+)
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
 from twosra_mpc.space.separation import Separation
 

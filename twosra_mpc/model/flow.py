@@ -9,6 +9,7 @@ and the temporal network decides when.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -207,6 +208,21 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
     nodes.setflags(write=False)
     fixed.setflags(write=False)
     return Motion(robot, sequence, fixed, nodes)
+
+
+def joined(motions: Sequence[Motion]) -> Motion:
+    """One motion after the other; each begins where the one before ends."""
+    most = max(motion.inputs.shape[1] for motion in motions)
+    inputs, states = list[Array](), list[Array]()
+    for motion in motions:
+        resting = ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0))
+        inputs.append(np.pad(motion.inputs, resting))
+        states.append(np.pad(motion.states, resting, mode="edge"))
+    sequence = tuple(itertools.chain.from_iterable(motion.sequence for motion in motions))
+    all_inputs, all_states = np.concatenate(inputs), np.concatenate(states)
+    all_inputs.setflags(write=False)
+    all_states.setflags(write=False)
+    return Motion(motions[0].robot, sequence, all_inputs, all_states)
 
 
 def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:

@@ -1,46 +1,46 @@
-"""Stages of a mission's plan, from when to when, in words."""
+"""Stages of a plan, from when to when, in words."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Task
 
-_WORDS = {"conform": "conform to", "pass": "pass through"}
 
-
-class Stage(NamedTuple):
-    """The part of a plan from the task before until a task is done, or until the goal is reached.
+class Stretch(NamedTuple):
+    """The part of a plan in which a stage is done.
 
     Attributes:
-        words: What is done, e.g. "grasp cup".
+        stage: What is asked.
         from_s: Since when [s].
         to_s: When it is done [s].
-        task: The task; None for the goal.
     """
 
-    words: str
+    stage: Stage
     from_s: float
     to_s: float
-    task: Task | None
+
+    @property
+    def words(self) -> str:
+        """Words for the task, e.g. "grasp cup"."""
+        return self.stage.words
+
+    @property
+    def task(self) -> Task | None:
+        """Task; None for the goal."""
+        return self.stage.task
 
 
-def stages(trajectory: Trajectory) -> tuple[Stage, ...]:
-    """The stages of a mission, in order; none where a plan only reaches a goal."""
-    problem, found, before_s = trajectory.problem, list[Stage](), 0.0
-    if not problem.is_mission:
+def stretches(trajectory: Trajectory) -> tuple[Stretch, ...]:
+    """The stages of a plan, in order; none where a plan only reaches a goal."""
+    if not trajectory.problem.tasks:
         return ()
-    for number, (task, done_s) in enumerate(
-        zip(problem.tasks, trajectory.done_s, strict=True), start=1
-    ):
-        found.append(Stage(task_words(task, number), before_s, done_s, task))
-        before_s = done_s
-    if not problem.ends_anywhere:
-        found.append(Stage("reach the goal", before_s, trajectory.duration_s, None))
+    found, before_s = list[Stretch](), 0.0
+    for number, stage in enumerate(trajectory.problem.stages()):
+        ends = trajectory.done_s if stage.task is not None else ()
+        to_s = ends[number] if ends else trajectory.duration_s
+        found.append(Stretch(stage, before_s, to_s))
+        before_s = to_s
     return tuple(found)
-
-
-def task_words(task: Task, number: int) -> str:
-    """Words for a task, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
-    return f"{_WORDS.get(task.do, task.do)} {task.name or task.about or f'goal {number}'}"

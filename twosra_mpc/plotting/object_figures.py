@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, Polygon
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.stages import Stage
+from twosra_mpc.plans.stages import Stretch
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.labels import label
@@ -235,7 +235,7 @@ def _distance_m(points: Array, outline: Array) -> Array:
     return nearest
 
 
-def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stage]) -> None:
+def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stretch]) -> None:
     """Mark where the middle link is when each stage is done, by numbers; near ones share a mark."""
     if not each:
         return

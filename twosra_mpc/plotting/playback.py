@@ -12,7 +12,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stage, stages
+from twosra_mpc.plans.stages import Stretch, stretches
 from twosra_mpc.plans.trajectory import (
     CHANGING,
     SAME_TIME_S,
@@ -68,7 +68,7 @@ class Playback:
     temperature_C: Array
     melt_fraction: Array
     heated: NDArray[np.bool_]
-    stages: tuple[Stage, ...] = ()
+    stages: tuple[Stretch, ...] = ()
     objects: Array = field(default_factory=lambda: np.zeros((PLACES, 0, POSE)))
     targets: tuple[tuple[int, Array], ...] = ()
 
@@ -127,7 +127,7 @@ def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
         temperature_C=shown.temperature_C,
         melt_fraction=shown.melt_fraction,
         heated=shown.heater_current_A > 0.0,
-        stages=stages(trajectory),
+        stages=stretches(trajectory),
         objects=object_poses(trajectory, shown.t_s, shown.q),
         targets=tuple(targets(trajectory)),
     )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stage
+from twosra_mpc.plans.stages import Stretch
 from twosra_mpc.plans.trajectory import Interval, Phase, stiffness_intervals
 from twosra_mpc.plotting.figures import (
     BESIDE,
@@ -174,7 +174,7 @@ def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: s
     return ax
 
 
-def label_levels(each: Sequence[Stage], stretch: TimeStretch) -> list[int]:
+def label_levels(each: Sequence[Stretch], stretch: TimeStretch) -> list[int]:
     """Level of the words of each stage, from 0, so that none lie over others or their lines."""
     levels: list[int] = []
     taken: list[tuple[float, float]] = []  # from where to where, the last stage first
@@ -187,12 +187,12 @@ def label_levels(each: Sequence[Stage], stretch: TimeStretch) -> list[int]:
     return levels[::-1]
 
 
-def stage_words(number: int, stage: Stage) -> str:
+def stage_words(number: int, stage: Stretch) -> str:
     """Words of the time axis for a stage, where it is done."""
     return f"{number} {stage.words}"
 
 
-def name_stages(ax: Axes, each: Sequence[Stage], levels: Sequence[int]) -> Axes:
+def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> Axes:
     """Write what is done when, on levels from below, each with a line down from its words."""
     for number, (stage, level) in enumerate(zip(each, levels, strict=True), start=1):
         ax.plot([stage.to_s] * 2, [-0.5, level + 0.75], **STAGE_LINE)
@@ -205,7 +205,7 @@ def name_stages(ax: Axes, each: Sequence[Stage], levels: Sequence[int]) -> Axes:
     return ax
 
 
-def mark_stages(axes: Sequence[Axes], each: Sequence[Stage]) -> None:
+def mark_stages(axes: Sequence[Axes], each: Sequence[Stretch]) -> None:
     """Draw a line on time axes wherever a stage is done."""
     for ax in axes:
         for stage in each:

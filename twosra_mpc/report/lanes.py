@@ -10,7 +10,7 @@ import numpy as np
 
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import rows
-from twosra_mpc.plans.stages import stages
+from twosra_mpc.plans.stages import stretches
 from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals
 from twosra_mpc.plotting import TimeStretch
 from twosra_mpc.robot.coordinates import Array
@@ -93,7 +93,7 @@ def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
 
 
 def _tasks(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
-    for number, stage in enumerate(stages(plan.trajectory), start=1):
+    for number, stage in enumerate(stretches(plan.trajectory), start=1):
         title = f"{number}: {stage.words}, {_during(stage.from_s, stage.to_s)}"
         span = _span(stretch, stage.from_s, stage.to_s, "done", f"{number} {stage.words}", title)
         fits = len(span.label) + 1 < span.width  # else the number alone

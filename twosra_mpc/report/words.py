@@ -20,7 +20,7 @@ from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import stages
+from twosra_mpc.plans.stages import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
@@ -207,7 +207,7 @@ def task_rows(plan: Plan) -> list[TaskRow]:
     trajectory, rows = plan.trajectory, list[TaskRow]()
     held = "held since the start" if plan.problem.start.holding else _NONE
     taking = grasps(plan.problem.tasks)
-    for number, stage in enumerate(stages(trajectory)):
+    for number, stage in enumerate(stretches(trajectory)):
         words = _at(trajectory.configuration([stage.to_s])[0].tolist())
         if number in taking:
             held = _hold(plan.problem, taking[number])

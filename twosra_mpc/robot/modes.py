@@ -37,6 +37,17 @@ def soft_segments(mode: Mode) -> tuple[int, ...]:
     return tuple(j for j, soft in enumerate(mode) if soft)
 
 
+def soft_runs(sequence: Sequence[Mode]) -> list[list[int]]:
+    """The phases of each block of a sequence: runs of soft phases without a drive in between."""
+    grouped = itertools.groupby(range(len(sequence)), key=lambda i: is_rigid(sequence[i]))
+    return [list(run) for rigid, run in grouped if not rigid]
+
+
+def blocks_of(sequence: Sequence[Mode]) -> int:
+    """How many blocks a sequence has."""
+    return len(soft_runs(sequence))
+
+
 # The modes of the two-segment agent, for what knows no other robot: the paper and its greedy rule.
 MODES: tuple[Mode, ...] = all_modes(2)
 RIGID, SOFT_2, SOFT_1, SOFT_BOTH = MODES
