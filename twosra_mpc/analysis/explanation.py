@@ -35,7 +35,7 @@ from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import stretches
+from twosra_mpc.plans.stretches import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model

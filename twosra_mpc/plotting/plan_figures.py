@@ -19,7 +19,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
-from twosra_mpc.plans.stages import Stretch, stretches
+from twosra_mpc.plans.stretches import Stretch, stretches
 from twosra_mpc.plans.trajectory import (
     Phase,
     Samples,

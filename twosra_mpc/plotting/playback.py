@@ -12,7 +12,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stretch, stretches
+from twosra_mpc.plans.stretches import Stretch, stretches
 from twosra_mpc.plans.trajectory import (
     CHANGING,
     SAME_TIME_S,
