@@ -17,9 +17,9 @@ from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
 from twosra_mpc import InputError, Problem, Result, Status, load_problem, load_robot, plan
-from twosra_mpc.analysis.passages import decide_between
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.lab.worlds.passages import decide_between
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.solver.block import Sweep, block
 from twosra_mpc.planning.solver.placer import Placer

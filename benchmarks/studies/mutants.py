@@ -42,11 +42,12 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/problem/tolerances.py": ("test_tolerance", "test_attack", "test_verify_command"),
     "twosra_mpc/checking/sweep.py": ("test_forged_plans",),
+    "twosra_mpc/checking/reintegration.py": ("test_forged_plans",),
     "twosra_mpc/checking/certificate.py": ("test_certificate",),
     "twosra_mpc/checking/cost.py": ("test_motion_effort", "test_verify_command"),
     "twosra_mpc/checking/events.py": ("test_certificate",),
     "twosra_mpc/checking/fibre.py": ("test_certificate",),
-    "twosra_mpc/checking/heating.py": ("test_forged_plans", "test_verify_command"),
+    "twosra_mpc/checking/heat.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/plan_file.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/verification.py": ("test_verification", "test_forged_plans"),
 }

@@ -59,7 +59,7 @@ class Alternative:
 
     @property
     def result(self) -> Result | None:
-        """What planning came to, if one plan was asked for."""
+        """Result of planning, if one plan was asked for."""
         return self.results[0] if len(self.results) == 1 else None
 
     @property
@@ -87,7 +87,7 @@ class Alternative:
 
     @property
     def outcome(self) -> str:
-        """What came of it, in words."""
+        """Outcome in words."""
         if self.result is None:
             return self.details
         return f"{self.result.message} ({self.details})" if self.details else self.result.message

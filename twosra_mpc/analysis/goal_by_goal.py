@@ -41,12 +41,12 @@ class GoalByGoal:
 
     @property
     def cost(self) -> float | None:
-        """What all plans cost together [s]; None where one is missing."""
+        """Cost of all plans together [s]; None where one is missing."""
         return None if self.trouble else sum(each.require().cost.total for each in self.results)
 
     @property
     def melts(self) -> int:
-        """How many segments are melted in all plans."""
+        """Number of melts in all plans."""
         made = [item for each in self.results if each.plan for item in each.plan.transitions]
         return sum(item.to == "soft" for item in made)
 

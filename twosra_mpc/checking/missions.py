@@ -53,7 +53,7 @@ class Done(NamedTuple):
 
     @property
     def q(self) -> Array:
-        """Where the robot is then, as integrated, (3 + n,)."""
+        """Configuration of the robot then, as integrated, (3 + n,)."""
         found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
         return found
 
@@ -108,7 +108,7 @@ def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
 
 
 def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
-    """What each segment is at a time: 1 soft, 0 rigid, None while it changes."""
+    """Stiffness of each segment at a time: 1 soft, 0 rigid, None while it changes."""
     found = list[int | None]()
     for j, at_start in enumerate(trajectory.problem.start_mode):
         now: int | None = at_start
@@ -139,7 +139,7 @@ def _heading(asked: Pair, done: Done) -> Iterator[str]:
 
 
 def _held_at_start(done: Done) -> Iterator[str]:
-    """What is held at the start is caged, or touched and held by friction while it is pushed.
+    """Objects held at the start must be caged, or touched and held by friction while pushed.
 
     Not asked where it is let go at once.
     """
@@ -162,7 +162,7 @@ def _held_at_start(done: Done) -> Iterator[str]:
 
 
 def _caged(number: int, done: Done, apart: float) -> bool:
-    """Whether it is proved that an object cannot leave the robot."""
+    """True if it is proved that an object cannot leave the robot."""
     from twosra_mpc.checking.holds import cage_proved
 
     problem = done.trajectory.problem
@@ -187,7 +187,7 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
 
 
 def _not_done(stage: Stage, at: Done) -> Iterator[str]:
-    """What is missing at the end of a stage, in words."""
+    """Shortcomings at the end of a stage, in words."""
     if at.at_s - at.since_s < stage.least_s - TIME_TOLERANCE_S:
         yield f"it lasts {at.at_s - at.since_s:z.3g} s, not {stage.least_s:zg} s"
     if stage.last is not None and stiffness(at.trajectory, at.at_s) != stage.last:

@@ -94,7 +94,7 @@ def plan_command(
 
 
 def _prover(problem: Problem) -> Callable[[float], dict[str, Any]]:
-    """What makes certificates of a problem, if it can have one and the arithmetic is installed."""
+    """Maker of certificates of a problem, if it can have one and the arithmetic is installed."""
     if problem.planner == "greedy":
         raise click.UsageError("--proof proves a lower bound, and the greedy rule has none")
     require("--proof", "proof", "python-flint")

@@ -19,15 +19,21 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
-from twosra_mpc.plans.stages import Stretch, stretches
-from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.plans.stretches import Stretch, stretches
+from twosra_mpc.plans.trajectory import (
+    Phase,
+    Samples,
+    State,
+    soft_and_changing,
+    state_at,
+    stiffness_intervals,
+)
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
-WIDTH_IN = 10.0
+WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
@@ -122,7 +128,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
 
 
 def _end_name(plan: Plan) -> str:
-    """What the end of a plan is called: not all have a goal."""
+    """Name of the end of a plan: not all have a goal."""
     return "goal" if not plan.problem.ends_anywhere else "end"
 
 

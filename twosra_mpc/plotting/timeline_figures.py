@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stretch
-from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plans.stretches import Stretch
+from twosra_mpc.plans.trajectory import Interval, Phase, stiffness_intervals
 from twosra_mpc.plotting.figures import (
     BESIDE,
     PLANNED_COLOUR,
@@ -71,7 +70,7 @@ class TimeStretch(NamedTuple):
 
     @property
     def even(self) -> bool:
-        """Whether nothing is stretched."""
+        """True if nothing is stretched."""
         return np.allclose(self.places, np.divide(self.knots_s, self.knots_s[-1]))
 
     def forward(self, t: Array) -> Array:
@@ -83,7 +82,7 @@ class TimeStretch(NamedTuple):
         return np.interp(place, self.places, self.knots_s)
 
     def seconds_per_length(self, time_s: float) -> float:
-        """How many seconds the whole axis would show at the scale it has at a time."""
+        """Length of the whole axis at the scale it has at a time [s]."""
         part = min(bisect_right(self.knots_s, time_s + 1e-9), len(self.knots_s) - 1) - 1
         shown = self.places[part + 1] - self.places[part]
         return (self.knots_s[part + 1] - self.knots_s[part]) / shown
@@ -189,7 +188,7 @@ def label_levels(each: Sequence[Stretch], stretch: TimeStretch) -> list[int]:
 
 
 def stage_words(number: int, stage: Stretch) -> str:
-    """What the time axis says of a stage, where it is done."""
+    """Words of the time axis for a stage, where it is done."""
     return f"{number} {stage.words}"
 
 
@@ -220,7 +219,7 @@ def phase_duration(phase: Phase) -> str:
 
 
 def state_handles(*without: str) -> list[Patch]:
-    """What the colours of ``draw_timeline`` mean, for a legend."""
+    """Legend of the colours of ``draw_timeline``."""
     return [Patch(label=name, **look) for name, look in STATES.items() if name not in without]
 
 

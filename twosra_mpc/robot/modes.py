@@ -28,12 +28,12 @@ def rigid_mode(segments: int) -> Mode:
 
 
 def is_rigid(mode: Mode) -> bool:
-    """Whether every segment is solid."""
+    """True if every segment is solid."""
     return not any(mode)
 
 
 def soft_segments(mode: Mode) -> tuple[int, ...]:
-    """Which segments (from 0) are soft."""
+    """Soft segments (from 0)."""
     return tuple(j for j, soft in enumerate(mode) if soft)
 
 

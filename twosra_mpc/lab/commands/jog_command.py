@@ -15,8 +15,9 @@ from twosra_mpc.cli.options import ROBOT, command
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, Tell
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
-from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
-from twosra_mpc.execution.serial.jog import (
+from twosra_mpc.execution.serial.port import SteppedClock, SystemClock
+from twosra_mpc.execution.serial.stream import Recorder
+from twosra_mpc.lab.bench.jog import (
     Asked,
     Jog,
     Keys,
@@ -25,7 +26,6 @@ from twosra_mpc.execution.serial.jog import (
     jog,
     wheels_of_twist,
 )
-from twosra_mpc.execution.serial.stream import Recorder
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, load_robot
 
@@ -119,7 +119,7 @@ def _drive(robot: Robot, port: str | None, asked: Asked, cold: bool, output: Out
 
 
 class _Told:
-    """What is known and sent, as a line of progress."""
+    """Progress line: what is known, and what is sent."""
 
     def __init__(self, tell: Tell) -> None:
         self._tell, self.words = tell, ""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twosra_mpc.analysis.passages import VERDICTS, Passages
+from twosra_mpc.lab.worlds.passages import VERDICTS, Passages
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE

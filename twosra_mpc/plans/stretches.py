@@ -1,4 +1,4 @@
-"""What a plan does from when to when, in words."""
+"""Stages of a plan, from when to when, in words."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Stretch(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What is done, e.g. "grasp cup"."""
+        """Words for the task, e.g. "grasp cup"."""
         return self.stage.words
 
     @property
     def task(self) -> Task | None:
-        """The task; None for the goal."""
+        """Task; None for the goal."""
         return self.stage.task
 
 

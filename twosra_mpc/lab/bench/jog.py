@@ -14,8 +14,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading, RobotError
-from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.port import Port
+from twosra_mpc.execution.serial.port import Clock, Port
 from twosra_mpc.execution.serial.robot import RATE_HZ, connected
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import rigid_wheel_speeds
@@ -30,7 +29,7 @@ _ROUNDING = 1e-9
 
 
 class Jog(NamedTuple):
-    """What is asked for now: wheel speeds, (4,) [rad/s], and the segments to heat."""
+    """Command of the moment: wheel speeds, (4,) [rad/s], and the segments to heat."""
 
     wheel_rad_s: Array
     heated: Mode
@@ -99,7 +98,7 @@ def for_a_time(robot: Robot, jog: Jog, duration_s: float) -> Asked:
 
 @dataclass(eq=False)
 class Keys:
-    """What keys ask for: a key must come again and again, or the wheels stop.
+    """Commands by keys: a key must come again and again, or the wheels stop.
 
     w s: forward, back; q e: left, right; a d: turn; 1 2 3 4: a wheel, - the other way; h j k l:
     heater of segment 1 to 4 on or off; x: end. Every other key stops the wheels.
@@ -128,7 +127,7 @@ class Keys:
         self._now, self._last_s, self._direction = Jog(np.zeros(WHEELS), self.robot.rigid), 0.0, 1
 
     def __call__(self, time_s: float) -> Jog | None:
-        """What is asked for at a time."""
+        """Command at a time."""
         for key in self.receive():
             if key == "x":
                 return None

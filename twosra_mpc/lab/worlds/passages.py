@@ -1,4 +1,4 @@
-"""Which shapes can drive from the start of a problem to its goal, and which cannot.
+"""Passages: shapes that can drive from the start of a problem to its goal, and those that cannot.
 
 A shape is kept all the way. Free slices of headings decide: F- certifies a drive, F+ proves that
 there is none; between them the shape stays undecided at the finest slices.
@@ -34,7 +34,7 @@ _MOST_STEPS = 200  # of the grid, from straight to the most that is allowed
 
 @dataclass(frozen=True, eq=False)
 class Passages:
-    """What was decided of shapes on a grid.
+    """Verdicts on shapes on a grid.
 
     Attributes:
         kappa_per_m: Curvatures on the grid, the same for both segments, (m,) [1/m].
@@ -53,7 +53,7 @@ class Passages:
     nearest_per_m: tuple[float, float] | None
 
     def count(self, verdict: Verdict) -> int:
-        """How many shapes on the grid have a verdict."""
+        """Number of shapes on the grid with a verdict."""
         return int((self.verdicts == verdict).sum())
 
 
@@ -108,7 +108,7 @@ def _verdict(problem: Problem, kappa: Array, headings: Headings) -> Verdict | No
 
 
 def decide_between(drives: Drives, start: Box, goal: Box) -> Verdict:
-    """Whether a drive leads from one box of poses to another; infinite ends are free."""
+    """Verdict on drives from one box of poses to another; infinite ends are free."""
     from twosra_mpc.space.possible import apart  # shapely
 
     kept_m = _kept_by_the_first_leg(drives, *start)
@@ -122,7 +122,7 @@ def decide_between(drives: Drives, start: Box, goal: Box) -> Verdict:
 
 
 def _kept_by_the_first_leg(drives: Drives, low: Array, high: Array) -> float:
-    """What drives that start in a box of headings must keep."""
+    """Clearance that drives which start in a box of headings must keep."""
     if low[2] == high[2]:
         return drives.separation.kept_from_m(low[None])
     turned = np.linspace(0.0, 2 * np.pi, drives.headings[-1])

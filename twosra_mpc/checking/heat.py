@@ -39,7 +39,7 @@ Commands = Callable[
 
 
 def heating_problems(trajectory: Trajectory) -> Iterator[str]:
-    """What heaters do against the policy, and what their currents do not do to the metal."""
+    """Heaters against the policy, and temperatures that do not follow from their currents."""
     problem, samples = trajectory.problem, trajectory.samples
     check = _by_model if problem.transition_times.needs_segment else _by_curve
     for j, soft in enumerate(problem.start_mode):
@@ -137,7 +137,7 @@ def _command_problems(
 
 
 class _Span(NamedTuple):
-    """What a heater does from a time on: current [A], NaN where it holds, and set-point [C]."""
+    """State of a heater from a time on: current [A], NaN where it holds, and set-point [C]."""
 
     start_s: float
     current_A: float
@@ -177,7 +177,7 @@ def _policy(
     model: SegmentModel,
     states: tuple[Array, ...],
 ) -> Iterator[_Span]:
-    """What the policy makes of heaters that are switched at these transitions."""
+    """Course of the policy for a heater that is switched at these transitions."""
     problem, samples = trajectory.problem, trajectory.samples
     heater, first = problem.robot.heater, "soft" if problem.start_mode[segment] else "rigid"
     warm_C = problem.segment_thresholds_C[segment][0] - KEEP_WARM_BELOW_C
