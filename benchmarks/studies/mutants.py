@@ -41,7 +41,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/model/bending.py": ("test_bending", "test_bounds"),
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/problem/tolerances.py": ("test_tolerance", "test_attack", "test_verify_command"),
-    "twosra_mpc/checking/sweep.py": ("test_forged_plans",),
+    "twosra_mpc/checking/sweep.py": ("test_forged_plans", "test_checking_missions"),
     "twosra_mpc/checking/reintegration.py": ("test_forged_plans",),
     "twosra_mpc/checking/certificate.py": ("test_certificate",),
     "twosra_mpc/checking/cost.py": ("test_motion_effort", "test_verify_command"),
