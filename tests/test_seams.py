@@ -154,15 +154,20 @@ def tree(module: str) -> ast.Module:
     return ast.parse((PACKAGE / module).read_text())
 
 
-def imports(module: str) -> Iterator[str]:
+@functools.cache
+def imports(module: str) -> tuple[str, ...]:
+    names: list[str] = []
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            names.append(node.module)
+    return tuple(names)
 
 
-IMPORTS = [(module, name) for module in MODULES for name in imports(module)]
+@functools.cache
+def all_imports() -> list[tuple[str, str]]:
+    return [(module, name) for module in MODULES for name in imports(module)]
 
 
 def stage(module: str) -> int:
@@ -177,13 +182,13 @@ def stage(module: str) -> int:
 
 
 def test_libraries_stay_behind_their_seam() -> None:
-    for module, name in IMPORTS:
+    for module, name in all_imports():
         places = ALLOWED.get(name.split(".")[0])
         assert places is None or module.startswith(places), f"{module} imports {name}"
 
 
 def test_the_flow_has_one_direction() -> None:
-    for module, name in IMPORTS:
+    for module, name in all_imports():
         if name.startswith("twosra_mpc.") and (module, name) not in AGAINST_THE_FLOW:
             path = name.removeprefix("twosra_mpc.").replace(".", "/")
             target = f"{path}.py" if (PACKAGE / f"{path}.py").exists() else f"{path}/"
