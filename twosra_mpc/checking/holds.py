@@ -10,9 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.checking.clearance import (
     centroid_and_area,
@@ -25,6 +22,7 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.space.graphs import components
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
@@ -129,14 +127,24 @@ def _free(
 
 def _leads_away(free: NDArray[np.bool_]) -> bool:
     """Whether free boxes that share sides lead from the middle to the edge in x and y."""
-    parts, count = label(free)
-    pairs = np.column_stack([parts[0].ravel(), parts[-1].ravel()])  # headings go round
-    pairs = pairs[pairs.all(axis=1)]
-    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count + 1, count + 1))
-    _, whole = connected_components(links, directed=False)
-    edge = np.concatenate([parts[:, [0, -1]].ravel(), parts[:, :, [0, -1]].ravel()])
-    middle = parts.shape[1] // 2
-    return bool((whole[edge[edge > 0]] == whole[parts[0, middle, middle]]).any())
+    runs = np.cumsum(_first(free), dtype=np.int32).reshape(free.shape) * free  # along y
+    beside = (runs[:, :-1], runs[:, 1:]), (runs[:-1], runs[1:]), (runs[-1:], runs[:1])
+    links = [
+        np.column_stack([each[at] for each in pair])
+        for pair in beside
+        for at in [_first((pair[0] > 0) & (pair[1] > 0))]
+    ]
+    whole = components(int(runs.max()) + 1, np.concatenate(links))
+    edge = np.concatenate([runs[:, [0, -1]].ravel(), runs[:, :, [0, -1]].ravel()])
+    middle = runs.shape[1] // 2
+    return bool((whole[edge[edge > 0]] == whole[runs[0, middle, middle]]).any())
+
+
+def _first(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The first of each run along the last axis."""
+    first = some.copy()
+    first[..., 1:] &= ~some[..., :-1]
+    return first
 
 
 def pushes(

@@ -15,7 +15,8 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.slices import FreeSlices, Indices
+from twosra_mpc.space.graphs import Indices
+from twosra_mpc.space.slices import FreeSlices
 
 
 @dataclass(frozen=True, eq=False)

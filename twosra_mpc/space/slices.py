@@ -29,14 +29,13 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.space.footprint import Footprint
+from twosra_mpc.space.graphs import Indices, components
 from twosra_mpc.space.minkowski import (
     kept_by_all,
     merged,
@@ -50,7 +49,6 @@ from twosra_mpc.space.minkowski import (
 )
 
 Geometries = NDArray[np.object_]
-Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6
 _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
@@ -100,9 +98,7 @@ class FreeSlices:
     @cached_property
     def component_of(self) -> Indices:
         """Component of each part, (m,)."""
-        size, (one, other) = len(self.parts), self.neighbours.T
-        joined = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-        return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+        return components(len(self.parts), self.neighbours)
 
     def slices_of(self, heading_rad: float) -> tuple[int, ...]:
         """The slice that holds a heading; both on the border between two."""
