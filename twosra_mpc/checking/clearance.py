@@ -35,6 +35,7 @@ _CONTACTS_M = 1e-3  # between points of an edge that may be touched
 _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or carried
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
+_WAYS_OUT = 24  # directions in which it is tried to move a thing away
 _NO_LINE_M = 1e-7
 _NO_AREA_M2 = 1e-8
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
@@ -186,6 +187,21 @@ def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
     to_fibre = shapely.distance(fibre, at) - geometry.fibre_radius_m
     found: Array = np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
     return found
+
+
+def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, far_m: float) -> bool:
+    """Whether a thing gets so far from a robot that rests at q (3 + n,), straight and overlap-free.
+
+    It is asked of the hull of all that it passes, in directions all around.
+    """
+    (solid,), (fibre,) = _drawn(geometry, q[None])
+    angles = np.arange(_WAYS_OUT) * math.tau / _WAYS_OUT
+    ways = far_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = fine_corners_m(thing.at(pose))
+    passed = np.concatenate([np.tile(corners, (_WAYS_OUT, 1, 1)), corners + ways[:, None]], axis=1)
+    hulls = shapely.convex_hull(shapely.multipoints(passed))
+    free = shapely.distance(hulls, fibre) > geometry.fibre_radius_m
+    return bool((free & ~shapely.intersects(hulls, solid)).any())
 
 
 def contacts(geometry: Geometry, item: Obstacle, q: Array) -> tuple[Array, Array]:

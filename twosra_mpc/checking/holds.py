@@ -15,6 +15,7 @@ from twosra_mpc.checking.clearance import (
     centroid_and_area,
     contacts,
     depths_m,
+    leaves_straight,
     robot_distances_m,
 )
 from twosra_mpc.checking.sweep import sagitta_m
@@ -26,6 +27,7 @@ from twosra_mpc.space.graphs import components
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
+_FAR_M = math.sqrt(2) * _LEVELS[0][1]  # beyond all of them
 _TURN = 0.18  # [m]: boxes of a side s are 2 pi s / _TURN high
 _WITHIN_M = 1e-5  # rounding of drawings
 _ALONG = 60  # points at which discs within an object may have their centres, along its longer side
@@ -49,7 +51,8 @@ def cage_proved(
     the robot by more than it moves over a box blocks that box; what is left is flooded from where
     the object is, and must not come to the edge of what is looked at. So nothing rests on samples:
     a box counts as free unless all of it is proved to be blocked. The object is taken to be smaller
-    by ``overlap_m`` all around, so that it may begin where it touches.
+    by ``overlap_m`` all around, so that it may begin where it touches. Where it can be moved
+    straight out there is no proof to be looked for.
 
     Args:
         geometry: The robot's.
@@ -59,10 +62,12 @@ def cage_proved(
         overlap_m: How deep it overlaps the robot there [m].
         finest_m: Smallest side of a box.
     """
-    discs = _discs(thing)
-    discs[:, 2] -= overlap_m + _WITHIN_M
     seen = composed(inverse(q[:POSE]), pose)
     still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
+    if leaves_straight(geometry, thing, seen, still, _FAR_M):
+        return False
+    discs = _discs(thing)
+    discs[:, 2] -= overlap_m + _WITHIN_M
     for step, within_m in _LEVELS:
         headings = 1 if thing.disc is not None else round(_TURN / step)
         boxes = Boxes(step, round(within_m / step), headings)
