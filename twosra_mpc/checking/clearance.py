@@ -75,7 +75,10 @@ class Surroundings:
 
     def distances_of_m(self, carried: Carrying, q: Array) -> Array:
         """Distance of what configurations (m, 3 + n) carry to the nearest obstacle, 0 if inside."""
-        return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+        if carried.disc_m is None:
+            return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+        to_middle = shapely.distance(self._all, shapely.points(carried.poses(q)[:, :2]))
+        return np.maximum(to_middle - carried.disc_m, 0.0)
 
     def signed_m(self, q: Array) -> Array:
         """As ``distances_m``; negative where they overlap, by the depth of the deepest point."""
@@ -129,12 +132,19 @@ class Carrying:
         self.name = thing.name
         self._pose_in_b0 = pose_in_b0
         self._own = fine_corners_m(thing.own)
+        disc = thing.own.disc
+        # Radius of a disc about its middle that holds those corners, if it is one.
+        self.disc_m = None if disc is None else float(np.linalg.norm(self._own, axis=1).max())
         seen = fine_corners_m(thing.at(pose_in_b0))
         self.radius_m = float(np.linalg.norm(seen, axis=1).max())  # of its farthest point from b0
 
+    def poses(self, q: Array) -> Array:
+        """Poses of what configurations (m, 3 + n) carry, (m, 3)."""
+        return composed(q[:, :POSE], self._pose_in_b0)
+
     def corners_m(self, q: Array) -> Array:
         """Corners of what configurations (m, 3 + n) carry, (m, corners, 2)."""
-        x, y, phi = np.moveaxis(composed(q[:, :POSE], self._pose_in_b0), -1, 0)
+        x, y, phi = np.moveaxis(self.poses(q), -1, 0)
         turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])
         found: Array = self._own @ np.moveaxis(turn, -1, 0) + np.stack([x, y], -1)[:, None]
         return found

@@ -95,12 +95,13 @@ def _discs(thing: Object) -> Array:
     points = np.vstack([low + np.column_stack([x.ravel(), y.ravel()]), low + (high - low) / 2])
     depth = depths_m(own, points)
     order = np.argsort(-depth, kind="stable")
-    found = np.empty((0, 3))
-    for disc in np.column_stack([points, depth])[order[depth[order] > 0]]:
-        beyond = np.linalg.norm(found[:, :2] - disc[:2], axis=1) + disc[2] - found[:, 2]
-        if (beyond > _SLIVER * depth.max()).all():
-            found = np.vstack([found, disc])
-    return found
+    left = np.column_stack([points, depth])[order[depth[order] > 0]]
+    found = []
+    while len(left):
+        found.append(disc := left[0])
+        beyond = np.hypot(*(left[:, :2] - disc[:2]).T) + left[:, 2] - disc[2]
+        left = left[beyond > _SLIVER * depth.max()]
+    return np.array(found).reshape(-1, 3)
 
 
 def _free(
