@@ -13,6 +13,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, wrapped
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.space.footprint import arcs, strips
 
 STATIONS = 72  # places around an outline at which the robot is laid on
 _POINTS = 65  # along a segment: chords miss an arc of 40 mm and 40 1/m by 2 um
@@ -130,26 +131,16 @@ def parts(geometry: Geometry, q: Array, segment: int | None) -> Parts:
     shape, inner = robot_shape(geometry, q, 2), geometry.inner_link_of_b0
     link = inner if segment is None else segment + (segment >= inner)
     none = segment is None and geometry.half_link_m == 0 and inner > 0
-    solids = [_strips(shape.links[:, [] if none else [link]], geometry.fibre_radius_m)]
+    ends = shape.links[:, [] if none else [link]]
+    radius_m = np.array(max(geometry.fibre_radius_m, _THIN_M))
+    solids = [strips(ends[..., 0, :], ends[..., 1, :], radius_m, 0.0)]
     for unit in {0: [0], geometry.segments: [1]}.get(link, []):
         solids += [shape.units[:, [unit]], shape.wheels[:, 2 * unit : 2 * unit + 2]]
-    arcs = np.zeros((len(q), 0, _POINTS, 2))
+    fibre = np.zeros((len(q), 0, _POINTS, 2))
     if segment is not None:
         bend = q[:, POSE + segment] * geometry.lengths_m[segment]
-        arcs = _arcs(shape.segments[:, segment], bend)[:, None]
-    return Parts(np.concatenate(solids, axis=1), arcs)
-
-
-def _arcs(ends: Array, bend_rad: Array) -> Array:
-    """Points along arcs between ends (m, 2, 2) that turn so far (m,), (m, points, 2)."""
-    chord, share = ends[:, 1] - ends[:, 0], np.linspace(0.0, 1.0, _POINTS)
-    half = bend_rad[:, None] / 2
-    length = share * np.sinc(half * share / np.pi) / np.sinc(half / np.pi)  # of chords to points
-    turn = half * (share - 1)  # from the chord of all to these
-    c, s = length * np.cos(turn), length * np.sin(turn)
-    x, y = chord[:, :1], chord[:, 1:]
-    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
-    return found
+        fibre = arcs(shape.segments[:, segment], bend, _POINTS)[:, None]
+    return Parts(np.concatenate(solids, axis=1), fibre)
 
 
 def apart_m(geometry: Geometry, contour: Contour, of: Parts) -> tuple[Array, Array]:
@@ -202,14 +193,6 @@ def slimmer(boxes: Array) -> Array:
     """Boxes (..., 4, 2) with the same directions, within them."""
     found: Array = 0.99 * boxes + 0.01 * boxes.mean(axis=-2, keepdims=True)
     return found
-
-
-def _strips(line: Array, radius_m: float) -> Array:
-    """Rectangles about lines (..., 2, 2), (..., 4, 2)."""
-    a, b = line[..., 0, :], line[..., 1, :]
-    along = (b - a) / np.maximum(np.linalg.norm(b - a, axis=-1, keepdims=True), _THIN_M)
-    across = max(radius_m, _THIN_M) * np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    return np.stack([a - across, b - across, b + across, a + across], axis=-2)
 
 
 def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Array]:
