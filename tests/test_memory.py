@@ -21,13 +21,14 @@ from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.model.cache import BODIES, per_body, per_function
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rows import by_rows
-from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.robot.description import Robot
 
 PACKAGE = Path(twosra_mpc.__file__).parent
 FEW = {  # functions asked for few things ever, so that their caches need no bound
     "cli/doctor.py": "_packages_of_modules: of nothing",
     "model/series.py": "_series: three series",
+    "keys.py": "_words: of nothing",
     "lab/figures/paper_figures.py": "_plans, _published: five tasks",
     "lab/paper/kept.py": "package_digest: of nothing",
     "lab/reproduction/simulations.py": "run: five simulations",

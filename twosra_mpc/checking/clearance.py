@@ -1,4 +1,4 @@
-"""How far a plan keeps from obstacles: GEOS distances of the drawn robot, proved in between.
+"""Clearance of a plan: GEOS distances of the drawn robot to obstacles, proved in between.
 
 An opinion of its own: nothing here knows what is free, or how the planner separates pieces.
 """
@@ -36,8 +36,8 @@ _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or ca
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _WAYS_OUT = 24  # directions in which it is tried to move a thing away
-_NO_LINE_M = 1e-7
-_NO_AREA_M2 = 1e-8
+_NO_LINE_M = 1e-7  # width at which a fibre without thickness is drawn
+_NO_AREA_M2 = 1e-8  # a tenth of a millimetre, squared: rounding of the drawing
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 
@@ -181,7 +181,7 @@ def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:
 
 
 def depths_m(item: Obstacle, points: Array) -> Array:
-    """How deep points (..., 2) lie within a thing [m]; negative outside, by their distance."""
+    """Depths of points (..., 2) within a thing [m]; negative outside, by their distance."""
     shape, at = shapely.Polygon(fine_corners_m(item)), shapely.points(points)
     shapely.prepare(shape)
     inside = shapely.contains_properly(shape, at)
@@ -200,7 +200,7 @@ def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
 
 
 def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, far_m: float) -> bool:
-    """Whether a thing gets so far from a robot that rests at q (3 + n,), straight and overlap-free.
+    """True if a thing gets so far from a robot that rests at q (3 + n,), straight, overlap-free.
 
     It is asked of the hull of all that it passes, in directions all around.
     """
@@ -239,7 +239,7 @@ def centroid_and_area(item: Obstacle) -> tuple[Array, float]:
 
 
 def closest(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> Clearance | None:
-    """Where a sweep, and that of what is carried, is nearest to what must be kept clear of."""
+    """Closest approach of a sweep, and of what is carried, to what must be kept clear of."""
     found = [
         _closest(around, sweep, stage.first, stage.last, carried)
         for stage, around, carried in _pairs(problem, of)
@@ -261,7 +261,7 @@ def _pairs(
 
 
 def carrying(problem: Problem, held: Carried) -> Carrying:
-    """What is held."""
+    """Objects that are held."""
     return Carrying(problem.objects[held.object], held.pose_in_b0)
 
 
@@ -299,7 +299,7 @@ def _closest(
 
 
 def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """What is left of the clearance that a plan must keep [m], and what is wrong if too little.
+    """Margin of the clearance that a plan must keep [m], and what is wrong if it is negative.
 
     Uncertain curvatures add to what must be kept. A start that is nearer to some obstacles keeps
     its own distance from each of them, to the accuracy of the sweep, until its first leg ends: all
@@ -350,7 +350,7 @@ def _leaving(
 
 
 def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """How far what is carried is within the workspace [m], and what is wrong if it leaves it."""
+    """Margin of what is carried to the workspace's edges [m], and what is wrong if it leaves it."""
     workspace, worst, words = problem.workspace, np.inf, ""
     for stage in of:
         if stage.held is None or workspace is None:
@@ -371,7 +371,7 @@ def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float
 
 
 def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """What is left of the overlap allowed with what may be touched [m], and what is wrong."""
+    """Margin of the overlap allowed with what may be touched [m], and what is wrong."""
     worst, words = np.inf, ""
     for stage in of:
         for item in stage.touched:
@@ -437,7 +437,7 @@ def check_obstacles(problem: Problem) -> None:
 
 
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
-    """What an end of a problem would have to be, and is not: overlaps, else what is too near."""
+    """Requirement that an end of a problem breaks: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
     hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -DRAWN_M]
     if hit:

@@ -1,4 +1,4 @@
-"""What holds an object: proof that it cannot leave, or friction while it is pushed.
+"""Holds of objects: proof that one cannot leave, or friction while it is pushed.
 
 An opinion of its own: nothing here knows slices, pieces or how the planner grasps.
 """
@@ -45,7 +45,7 @@ def cage_proved(
     overlap_m: float,
     finest_m: float = 0.0,
 ) -> bool:
-    """Whether an object cannot leave the robot that stands at a configuration; False: unknown.
+    """True if an object provably cannot leave the robot at a configuration; False: unknown.
 
     The object's poses are cut into boxes (x, y, heading). A disc within the object that overlaps
     the robot by more than it moves over a box blocks that box; what is left is flooded from where
@@ -132,7 +132,7 @@ def _free(
 
 
 def _leads_away(free: NDArray[np.bool_]) -> bool:
-    """Whether free boxes that share sides lead from the middle to the edge in x and y."""
+    """True if free boxes that share sides lead from the middle to the edge in x and y."""
     runs = np.cumsum(_first(free), dtype=np.int32).reshape(free.shape) * free  # along y
     beside = (runs[:, :-1], runs[:, 1:]), (runs[:-1], runs[1:]), (runs[-1:], runs[:1])
     links = [
@@ -156,7 +156,7 @@ def _first(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def pushes(
     geometry: Geometry, thing: Object, pose_in_b0: Array, q: Array, twists: Array
 ) -> NDArray[np.bool_]:
-    """Which twists (m, 3) of b0 push an object such that it stays where it is in the robot, (m,).
+    """True for twists (m, 3) of b0 that push an object such that it stays in the robot, (m,).
 
     Friction under an object that slides slowly resists a load (v, c^2 w) about its centroid, where
     c is 0.6 of the radius of a disc as large (an ellipsoidal limit surface). It stays if contact

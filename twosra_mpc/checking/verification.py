@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.heating import heating_problems
+from twosra_mpc.checking.heat import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
@@ -77,7 +77,7 @@ _OFF_M = 1e-3  # more than paths are bent between these places
 
 
 class Findings(NamedTuple):
-    """What was found in a plan.
+    """Findings of the verification of a plan.
 
     Attributes:
         verification: The outcome, as it stands in a plan file.
@@ -278,7 +278,7 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
 
 
 def _travelled_m(problem: Problem, q: Array) -> Array:
-    """How far any point of the robot has come, in a straight line from row to row, (m,) [m]."""
+    """Largest displacement of any point of the robot from row to row, (m,) [m]."""
     geometry, moved = problem.robot.geometry, np.abs(np.diff(q, axis=0))
     bent = moved[:, POSE:] @ bending_reach_m2(geometry)
     beyond = [float(part.sum()) for part in np.array_split(bent, max(1, len(q) // _AT_ONCE))]

@@ -17,10 +17,10 @@ from twosra_mpc.space.footprint import arcs, strips
 
 STATIONS = 72  # places around an outline at which the robot is laid on
 _POINTS = 65  # along a segment: chords miss an arc of 40 mm and 40 1/m by 2 um
-_THIN_M = 1e-9
-_CORE_M = 2e-5
+_THIN_M = 1e-9  # a line has some width: the rounding of metres
+_CORE_M = 2e-5  # overlaps are seen down to this depth
 _TOUCHES_M, _SPACING_M = 2e-5, 5e-4  # contacts: as near, and looked for as far apart
-_STRAIGHT, _SHARP_RAD = 1e-6, 0.2
+_STRAIGHT, _SHARP_RAD = 1e-6, 0.2  # sine to a side's normal; turn of a corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class Contour:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What moves with one segment of a robot: its arc, and the link or the unit beyond it.
+    """Parts that move with one segment of a robot: its arc, and the link or the unit beyond it.
 
     Attributes:
         solids: Links, units and wheels, (m, pieces, 4, 2) [m].
@@ -132,8 +132,8 @@ def parts(geometry: Geometry, q: Array, segment: int | None) -> Parts:
     link = inner if segment is None else segment + (segment >= inner)
     none = segment is None and geometry.half_link_m == 0 and inner > 0
     ends = shape.links[:, [] if none else [link]]
-    radius_m = np.array(max(geometry.fibre_radius_m, _THIN_M))
-    solids = [strips(ends[..., 0, :], ends[..., 1, :], radius_m, 0.0)]
+    half_width = np.array(max(geometry.fibre_radius_m, _THIN_M))
+    solids = [strips(ends[..., 0, :], ends[..., 1, :], half_width)]
     for unit in {0: [0], geometry.segments: [1]}.get(link, []):
         solids += [shape.units[:, [unit]], shape.wheels[:, 2 * unit : 2 * unit + 2]]
     fibre = np.zeros((len(q), 0, _POINTS, 2))
@@ -161,7 +161,7 @@ def farthest_m(geometry: Geometry, contour: Contour, q: Array, segment: int) -> 
 
 
 def wraps_rad(geometry: Geometry, contour: Contour, q: Array, side: int, touches_m: float) -> Array:
-    """How far normals of contacts turn along configurations (m, 3 + n) about a contour, (m,).
+    """Turns of the normals of contacts of configurations (m, 3 + n) about a contour, (m,).
 
     Args:
         geometry: Lengths of the robot.
@@ -196,7 +196,7 @@ def slimmer(boxes: Array) -> Array:
 
 
 def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Array]:
-    """Where a configuration (3 + n,) touches a contour, and normals into it, both (k, 2).
+    """Contacts of a configuration (3 + n,) with a contour, and normals into it, both (k, 2).
 
     Places on the outline at which a side or an arc of the robot is, and corners of the robot at
     sides of the outline. Corners at corners are left out: they have no normal.

@@ -16,7 +16,8 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 
 SAGITTA_M = 5e-4  # by which chords may miss the arc they stand for
-_THIN_M = 1e-6
+_NO_LENGTH_M = 1e-9  # links without a length have some, in a direction of zero
+_THIN_M = 1e-6  # of inner pieces, that none is empty
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ def _rigid_pieces(geometry: Geometry, shape: RobotShape) -> Iterator[Array]:
     there = [i for i, length in enumerate([*lengths, geometry.end_link_m]) if length > 0]
     if geometry.fibre_radius_m > 0:
         ends = shape.links[:, there]
-        yield strips(ends[..., 0, :], ends[..., 1, :], np.array(geometry.fibre_radius_m), 0.0)
+        yield strips(ends[..., 0, :], ends[..., 1, :], np.array(geometry.fibre_radius_m))
 
 
 def _chords(
@@ -98,7 +99,7 @@ def _chords(
     longer = radius * np.sin(np.minimum(bent * ds / 2, math.pi / 2))
     a, b = points[:, :-1], points[:, 1:]
     within = np.maximum(radius - sagitta, _THIN_M)
-    return strips(a, b, radius + sagitta, longer), strips(a, b, within, 0.0)
+    return strips(a, b, radius + sagitta, longer), strips(a, b, within)
 
 
 def arcs(ends: Array, bend_rad: Array, count: int) -> Array:
@@ -113,9 +114,9 @@ def arcs(ends: Array, bend_rad: Array, count: int) -> Array:
     return found
 
 
-def strips(a: Array, b: Array, half_width: Array, longer: Array | float) -> Array:
+def strips(a: Array, b: Array, half_width: Array, longer: Array | float = 0.0) -> Array:
     """Rectangles along a to b (..., 2), counter-clockwise, (..., 4, 2)."""
-    along = (b - a) / np.maximum(np.linalg.norm(b - a, axis=-1, keepdims=True), _THIN_M)
+    along = (b - a) / np.maximum(np.linalg.norm(b - a, axis=-1, keepdims=True), _NO_LENGTH_M)
     across = half_width[..., None] * np.stack([-along[..., 1], along[..., 0]], axis=-1)
     further = np.asarray(longer)[..., None] * along
     a, b = a - further, b + further
@@ -124,7 +125,7 @@ def strips(a: Array, b: Array, half_width: Array, longer: Array | float) -> Arra
 
 @lru_cache(maxsize=32)
 def reach_per_curvature_m2(geometry: Geometry) -> Array:
-    """How far bending a segment moves any point as seen from b0, per 1/m, (n,) [m2].
+    """Reach of bending a segment: largest motion of a point seen from b0, per 1/m, (n,) [m2].
 
     A point beyond segment j, at most d from its end as the fibre lies straight, travels at most
     l_j (l_j / 2 + d) per 1/m of kappa_j.
@@ -147,12 +148,12 @@ def reach_per_curvature_m2(geometry: Geometry) -> Array:
 
 
 def moved_by_bending_m(geometry: Geometry, change_per_m: ArrayLike) -> float:
-    """How far bending by ``change_per_m``, of all segments or of each (n,), moves any point [m]."""
+    """Largest motion of a point by bends ``change_per_m``, of all segments or each (n,) [m]."""
     left = geometry.inner_link_of_b0
     reach = reach_per_curvature_m2(geometry) * np.asarray(change_per_m)
     return float(max(reach[:left].sum(), reach[left:].sum()))
 
 
 def kept_m(world: World, geometry: Geometry) -> float:
-    """What outer pieces keep from obstacles: the clearance, and what curvatures may be off [m]."""
+    """Distance kept by outer pieces: the clearance, and what curvatures may be off [m]."""
     return world.clearance_m + moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)
