@@ -351,13 +351,6 @@ def _close_chain(
         reasons[rows[~done.fits]] = OVERLAPS
 
 
-def _bent(q: Array, segments: tuple[int, ...], side: int, curvature: Array, rows: Rows) -> Array:
-    """Rows of configurations (m, 3 + n) with segments of a curvature each, (k, 3 + n)."""
-    bent = q[rows]
-    bent[:, [POSE + j for j in segments]] = side * curvature[:, None]
-    return bent
-
-
 def _laid(
     robot: Robot, contour: Contour, stations: Array, segment: int, side: int, reasons: Array
 ) -> Array:
