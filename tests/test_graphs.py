@@ -9,7 +9,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from twosra_mpc.checking.holds import _leads_away
-from twosra_mpc.space.graphs import Graph, components
+from twosra_mpc.space.roadmap import Graph
+from twosra_mpc.space.slices import components
 
 
 @pytest.mark.parametrize(("size", "count"), [(1, 0), (40, 0), (40, 25), (300, 290), (300, 2000)])

@@ -23,7 +23,6 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.space.graphs import components
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
@@ -135,15 +134,16 @@ def _leads_away(free: NDArray[np.bool_]) -> bool:
     """True if free boxes that share sides lead from the middle to the edge in x and y."""
     runs = np.cumsum(_first(free), dtype=np.int32).reshape(free.shape) * free  # along y
     beside = (runs[:, :-1], runs[:, 1:]), (runs[:-1], runs[1:]), (runs[-1:], runs[:1])
-    links = [
-        np.column_stack([each[at] for each in pair])
-        for pair in beside
-        for at in [_first((pair[0] > 0) & (pair[1] > 0))]
-    ]
-    whole = components(int(runs.max()) + 1, np.concatenate(links))
-    edge = np.concatenate([runs[:, [0, -1]].ravel(), runs[:, :, [0, -1]].ravel()])
-    middle = runs.shape[1] // 2
-    return bool((whole[edge[edge > 0]] == whole[runs[0, middle, middle]]).any())
+    met = [_first((one > 0) & (other > 0)) for one, other in beside]
+    links = np.concatenate(
+        [np.column_stack([a[at], b[at]]) for (a, b), at in zip(beside, met, strict=True)]
+    )
+    flooded, middle = np.zeros(int(runs.max()) + 1, dtype=bool), runs.shape[1] // 2
+    flooded[runs[0, middle, middle]] = True
+    while (front := flooded[links].any(axis=1)).any():  # what is beside what is flooded
+        flooded[links[front]] = True
+        links = links[~front]
+    return bool(flooded[runs[:, [0, -1]]].any() or flooded[runs[:, :, [0, -1]]].any())
 
 
 def _first(some: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -15,8 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.graphs import Indices
-from twosra_mpc.space.slices import FreeSlices
+from twosra_mpc.space.slices import FreeSlices, Indices
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,6 @@ from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.space.footprint import Footprint
-from twosra_mpc.space.graphs import Indices, components
 from twosra_mpc.space.minkowski import (
     kept_by_all,
     merged,
@@ -49,6 +48,7 @@ from twosra_mpc.space.minkowski import (
 )
 
 Geometries = NDArray[np.object_]
+Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6  # of GEOS, and to spare
 _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
@@ -288,3 +288,16 @@ def box_around(pieces: list[Array], obstacles: list[Array]) -> Array:
     corners = np.concatenate(obstacles or [np.zeros((1, 2))])
     around = np.array([[-1.0], [1.0]]) * (far + _AROUND_M)
     return np.array([corners.min(axis=0), corners.max(axis=0)]) + around
+
+
+def components(size: int, edges: Indices) -> Indices:
+    """Component of each node of a graph with edges (E, 2), numbered from 0, (size,)."""
+    root = np.arange(size)
+    while True:
+        ends = root[edges]
+        ends = ends[ends[:, 0] != ends[:, 1]]
+        if not len(ends):
+            return np.unique(root, return_inverse=True)[1].ravel()
+        np.minimum.at(root, ends.max(axis=1), ends.min(axis=1))
+        while not np.array_equal(further := root[root], root):
+            root = further
