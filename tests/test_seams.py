@@ -322,8 +322,8 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 30_555, 254  # all but the laboratory
-MOST_LINES = 38_504
+MOST_CORE_LINES, MOST_CORE_FILES = 30_640, 254  # all but the laboratory; roads without SciPy
+MOST_LINES = 38_590
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 478, 71  # paper-1, planned once before
 
 

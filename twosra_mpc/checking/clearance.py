@@ -35,6 +35,7 @@ _CONTACTS_M = 1e-3  # between points of an edge that may be touched
 _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or carried
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
+_WAYS_OUT = 24  # directions in which it is tried to move a thing away
 _NO_LINE_M = 1e-7  # width at which a fibre without thickness is drawn
 _NO_AREA_M2 = 1e-8  # a tenth of a millimetre, squared: rounding of the drawing
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
@@ -74,7 +75,10 @@ class Surroundings:
 
     def distances_of_m(self, carried: Carrying, q: Array) -> Array:
         """Distance of what configurations (m, 3 + n) carry to the nearest obstacle, 0 if inside."""
-        return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+        if carried.disc_m is None:
+            return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+        to_middle = shapely.distance(self._all, shapely.points(carried.poses(q)[:, :2]))
+        return np.maximum(to_middle - carried.disc_m, 0.0)
 
     def signed_m(self, q: Array) -> Array:
         """As ``distances_m``; negative where they overlap, by the depth of the deepest point."""
@@ -128,12 +132,19 @@ class Carrying:
         self.name = thing.name
         self._pose_in_b0 = pose_in_b0
         self._own = fine_corners_m(thing.own)
+        disc = thing.own.disc
+        # Radius of a disc about its middle that holds those corners, if it is one.
+        self.disc_m = None if disc is None else float(np.linalg.norm(self._own, axis=1).max())
         seen = fine_corners_m(thing.at(pose_in_b0))
         self.radius_m = float(np.linalg.norm(seen, axis=1).max())  # of its farthest point from b0
 
+    def poses(self, q: Array) -> Array:
+        """Poses of what configurations (m, 3 + n) carry, (m, 3)."""
+        return composed(q[:, :POSE], self._pose_in_b0)
+
     def corners_m(self, q: Array) -> Array:
         """Corners of what configurations (m, 3 + n) carry, (m, corners, 2)."""
-        x, y, phi = np.moveaxis(composed(q[:, :POSE], self._pose_in_b0), -1, 0)
+        x, y, phi = np.moveaxis(self.poses(q), -1, 0)
         turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])
         found: Array = self._own @ np.moveaxis(turn, -1, 0) + np.stack([x, y], -1)[:, None]
         return found
@@ -186,6 +197,21 @@ def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
     to_fibre = shapely.distance(fibre, at) - geometry.fibre_radius_m
     found: Array = np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
     return found
+
+
+def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, far_m: float) -> bool:
+    """True if a thing gets so far from a robot that rests at q (3 + n,), straight, overlap-free.
+
+    It is asked of the hull of all that it passes, in directions all around.
+    """
+    (solid,), (fibre,) = _drawn(geometry, q[None])
+    angles = np.arange(_WAYS_OUT) * math.tau / _WAYS_OUT
+    ways = far_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = fine_corners_m(thing.at(pose))
+    passed = np.concatenate([np.tile(corners, (_WAYS_OUT, 1, 1)), corners + ways[:, None]], axis=1)
+    hulls = shapely.convex_hull(shapely.multipoints(passed))
+    free = shapely.distance(hulls, fibre) > geometry.fibre_radius_m
+    return bool((free & ~shapely.intersects(hulls, solid)).any())
 
 
 def contacts(geometry: Geometry, item: Obstacle, q: Array) -> tuple[Array, Array]:

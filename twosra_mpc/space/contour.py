@@ -13,7 +13,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, wrapped
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.space.footprint import strips
+from twosra_mpc.space.footprint import arcs, strips
 
 STATIONS = 72  # places around an outline at which the robot is laid on
 _POINTS = 65  # along a segment: chords miss an arc of 40 mm and 40 1/m by 2 um
@@ -136,23 +136,11 @@ def parts(geometry: Geometry, q: Array, segment: int | None) -> Parts:
     solids = [strips(ends[..., 0, :], ends[..., 1, :], half_width)]
     for unit in {0: [0], geometry.segments: [1]}.get(link, []):
         solids += [shape.units[:, [unit]], shape.wheels[:, 2 * unit : 2 * unit + 2]]
-    arcs = np.zeros((len(q), 0, _POINTS, 2))
+    fibre = np.zeros((len(q), 0, _POINTS, 2))
     if segment is not None:
         bend = q[:, POSE + segment] * geometry.lengths_m[segment]
-        arcs = _arcs(shape.segments[:, segment], bend)[:, None]
-    return Parts(np.concatenate(solids, axis=1), arcs)
-
-
-def _arcs(ends: Array, bend_rad: Array) -> Array:
-    """Points along arcs between ends (m, 2, 2) that turn so far (m,), (m, points, 2)."""
-    chord, share = ends[:, 1] - ends[:, 0], np.linspace(0.0, 1.0, _POINTS)
-    half = bend_rad[:, None] / 2
-    length = share * np.sinc(half * share / np.pi) / np.sinc(half / np.pi)  # of chords to points
-    turn = half * (share - 1)  # from the chord of all to these
-    c, s = length * np.cos(turn), length * np.sin(turn)
-    x, y = chord[:, :1], chord[:, 1:]
-    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
-    return found
+        fibre = arcs(shape.segments[:, segment], bend, _POINTS)[:, None]
+    return Parts(np.concatenate(solids, axis=1), fibre)
 
 
 def apart_m(geometry: Geometry, contour: Contour, of: Parts) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
@@ -68,18 +68,17 @@ def footprints(
     lengths = np.array(geometry.lengths_m)
     counts = np.ceil(lengths * np.sqrt(bent.max(axis=0) / (8 * sagitta_m))).astype(int)
     counts = np.maximum(counts, 1)
-    q = np.pad(kappa, ((0, 0), (POSE, 0)))
-    rigid = list(_rigid_pieces(geometry, q))
-    chords = [_chords(geometry, q, j, int(count)) for j, count in enumerate(counts)]
+    shape = robot_shape(geometry, np.pad(kappa, ((0, 0), (POSE, 0))), 2)
+    rigid = list(_rigid_pieces(geometry, shape))
+    chords = [_chords(geometry, shape, kappa, j, int(count)) for j, count in enumerate(counts)]
     return (
         np.concatenate([*rigid, *(outer for outer, _ in chords)], axis=1),
         np.concatenate([*rigid, *(inner for _, inner in chords)], axis=1),
     )
 
 
-def _rigid_pieces(geometry: Geometry, q: Array) -> Iterator[Array]:
+def _rigid_pieces(geometry: Geometry, shape: RobotShape) -> Iterator[Array]:
     """Units, wheels and links, each (m, pieces, 4, 2)."""
-    shape = robot_shape(geometry, q, 2)
     yield shape.units
     yield shape.wheels
     lengths = [geometry.end_link_m, *[geometry.middle_link_m] * (geometry.segments - 1)]
@@ -89,15 +88,30 @@ def _rigid_pieces(geometry: Geometry, q: Array) -> Iterator[Array]:
         yield strips(ends[..., 0, :], ends[..., 1, :], np.array(geometry.fibre_radius_m))
 
 
-def _chords(geometry: Geometry, q: Array, segment: int, count: int) -> tuple[Array, Array]:
+def _chords(
+    geometry: Geometry, shape: RobotShape, kappa: Array, segment: int, count: int
+) -> tuple[Array, Array]:
     """Outer and inner pieces of a segment of ``count`` chords, both (m, count, 4, 2)."""
-    bent, ds = np.abs(q[:, POSE + segment, None]), geometry.lengths_m[segment] / count
-    points = robot_shape(geometry, q, count + 1).segments[:, segment]
+    length, signed = geometry.lengths_m[segment], kappa[:, segment]
+    bent, ds = np.abs(signed)[:, None], length / count
+    points = arcs(shape.segments[:, segment], signed * length, count + 1)
     radius, sagitta = geometry.fibre_radius_m, bent * ds**2 / 8
     longer = radius * np.sin(np.minimum(bent * ds / 2, math.pi / 2))
     a, b = points[:, :-1], points[:, 1:]
     within = np.maximum(radius - sagitta, _THIN_M)
     return strips(a, b, radius + sagitta, longer), strips(a, b, within)
+
+
+def arcs(ends: Array, bend_rad: Array, count: int) -> Array:
+    """Points along arcs between ends (m, 2, 2) that turn so far (m,), (m, count, 2)."""
+    chord, share = ends[:, 1] - ends[:, 0], np.linspace(0.0, 1.0, count)
+    half = bend_rad[:, None] / 2
+    length = share * np.sinc(half * share / np.pi) / np.sinc(half / np.pi)  # of chords to points
+    turn = half * (share - 1)  # from the chord of all to these
+    c, s = length * np.cos(turn), length * np.sin(turn)
+    x, y = chord[:, :1], chord[:, 1:]
+    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    return found
 
 
 def strips(a: Array, b: Array, half_width: Array, longer: Array | float = 0.0) -> Array:

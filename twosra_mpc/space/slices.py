@@ -29,8 +29,6 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.tolerances import UNSEEN_M
@@ -100,9 +98,7 @@ class FreeSlices:
     @cached_property
     def component_of(self) -> Indices:
         """Component of each part, (m,)."""
-        size, (one, other) = len(self.parts), self.neighbours.T
-        joined = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-        return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+        return components(len(self.parts), self.neighbours)
 
     def slices_of(self, heading_rad: float) -> tuple[int, ...]:
         """The slice that holds a heading; both on the border between two."""
@@ -292,3 +288,16 @@ def box_around(pieces: list[Array], obstacles: list[Array]) -> Array:
     corners = np.concatenate(obstacles or [np.zeros((1, 2))])
     around = np.array([[-1.0], [1.0]]) * (far + _AROUND_M)
     return np.array([corners.min(axis=0), corners.max(axis=0)]) + around
+
+
+def components(size: int, edges: Indices) -> Indices:
+    """Component of each node of a graph with edges (E, 2), numbered from 0, (size,)."""
+    root = np.arange(size)
+    while True:
+        ends = root[edges]
+        ends = ends[ends[:, 0] != ends[:, 1]]
+        if not len(ends):
+            return np.unique(root, return_inverse=True)[1].ravel()
+        np.minimum.at(root, ends.max(axis=1), ends.min(axis=1))
+        while not np.array_equal(further := root[root], root):
+            root = further
