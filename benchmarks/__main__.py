@@ -94,7 +94,7 @@ def _measure(name: str, out: Path | None, size: str, settings: dict[str, Any]) -
         if not run_study(study, log, console):
             console.print(f"interrupted; run again to go on from {log.path}", highlight=False)
             sys.exit(_INTERRUPTED)
-        console.print(f"{name}: {sum(log.cpu_s):.0f} s of CPU", highlight=False)
+        console.print(f"{name}: {sum(log.cpu_s):z.0f} s of CPU", highlight=False)
         sys.stdout.write(write_report(study, log, folder))
 
 
@@ -118,7 +118,7 @@ def all_command(out: Path | None) -> None:
             record(folder / name)
         write_tables(records.ROOT)
     spent_s = {each.command: each.cpu_s for each in records.load_records(records.FOLDER).values()}
-    console.print(f"{sum(spent_s.values()):.0f} s of CPU in all", highlight=False)
+    console.print(f"{sum(spent_s.values()):z.0f} s of CPU in all", highlight=False)
 
 
 def _in_a_process(name: str, folder: Path) -> int:
