@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -204,10 +206,19 @@ def _searched(
         gap=problem.gap,
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
+        incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
         look=lambda: None if tree.nodes.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
+
+
+def _drive(tree: Tree[Solved]) -> tuple[float, Solved] | None:
+    """The better of two guesses to drive without a melt, if that suffices."""
+    node = tree.root()
+    attempts = tree.solve(node) if tree.leaf_bound(node) < math.inf else iter(())
+    found = filter(None, itertools.islice(attempts, 2))
+    return min(found, key=lambda found: found[0], default=None)
 
 
 def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:

@@ -99,6 +99,7 @@ def branch_and_bound(
     gap: float,
     out_of_time: Callable[[], bool],
     on_progress: Callable[[float, float], None],
+    incumbent: Callable[[], tuple[float, Solution] | None] = lambda: None,
     look: Callable[[], tuple[float, Solution] | None] = lambda: None,
     proved: Callable[[float], float] = lambda bound: bound,
 ) -> SearchResult[Solution]:
@@ -109,6 +110,7 @@ def branch_and_bound(
         gap: Relative optimality gap (cost - lower bound) / cost to stop at.
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
+        incumbent: Finds (cost, solution) of a leaf that is cheap to try; asked first.
         look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
         proved: What the least bound of the tree proves of all solutions.
 
@@ -119,6 +121,8 @@ def branch_and_bound(
     with noted_interrupts() as interrupts:
         try:
             looked = False
+            if (found := incumbent()) is not None:
+                search.accept(*found)
             while search.open and not interrupts.requested:
                 if search.vain and not looked:
                     looked, found = True, look()
