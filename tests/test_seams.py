@@ -322,9 +322,9 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 30_640, 254  # all but the laboratory; roads without SciPy
-MOST_LINES = 38_590
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 478, 71  # paper-1, planned once before
+MOST_CORE_LINES, MOST_CORE_FILES = 30_650, 254  # all but the laboratory; drives are tried first
+MOST_LINES = 38_600
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 479, 71  # paper-1, planned once before
 
 
 def code_lines(module: str) -> int:
