@@ -111,8 +111,8 @@ def scale(document: Document, name: str, by: float) -> None:
     document["samples"][name] = [[by * x for x in row] for row in samples(document, name)]
 
 
-def lower(numbers: Document, name: str, share: float = 1e-7) -> None:
-    numbers[name] *= 1 - share
+def lower(numbers: Document, name: str) -> None:
+    numbers[name] *= 1 - 1e-7
 
 
 def lower_wheel_limit(document: Document) -> None:
@@ -156,7 +156,7 @@ TAMPERINGS: dict[str, tuple[Tamper, str]] = {
     "another duration": (lambda d: d["cost"].update(time_s=300.0), "cost.time_s: 300;"),
     "less energy": (lambda d: d["cost"].update(energy_J=600.0), "cost.energy_J: 600;"),
     "a little less energy": (lambda d: lower(d["cost"], "energy_J"), "cost.energy_J: "),
-    "a little less effort": (lambda d: lower(d["cost"], "effort_s", 2e-6), "cost.effort_s: "),
+    "a little less effort": (lambda d: lower(d["cost"], "effort_s"), "cost.effort_s: "),
     "a little less cost": (lambda d: lower(d["cost"], "total"), "cost.total: "),
     "a little less time": (lambda d: lower(d["cost"], "time_s"), "cost.time_s: "),
     "a bound a little above the cost": (
