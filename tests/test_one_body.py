@@ -26,8 +26,7 @@ from twosra_mpc.model.rolling import rolling
 from twosra_mpc.physics.mjcf import mjcf
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
 from twosra_mpc.problem.limits import shape_margins
-from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.problem.world import Box, Obstacle, World
+from twosra_mpc.problem.world import Box, Obstacle, Workspace, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, apart_m, parts

@@ -49,7 +49,7 @@ ALLOWED = {
     "jinja2": ("report/",),
     "highspy": ("planning/bounds/linear_program.py",),
     "osqp": ("execution/tracking/",),
-    "shapely": ("space/", "problem/geojson.py", "checking/clearance.py"),
+    "shapely": ("space/", "problem/world.py", "problem/geojson.py", "checking/clearance.py"),
     "serial": ("execution/serial/port.py",),
     "mujoco": ("physics/",),
     "glfw": ("physics/",),

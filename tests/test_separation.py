@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from worlds import corridor, random_world
 
 from twosra_mpc import load_robot
-from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.problem.world import World
+from twosra_mpc.problem.world import Workspace, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint, footprint

@@ -19,7 +19,7 @@ from twosra_mpc.execution.executor import remaining_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.plotting import plot_plan
-from twosra_mpc.problem.workspace import Workspace
+from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import Array
 
 ROOM_M = 3e-3  # around start and goal

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from twosra_mpc.problem.objects import Object, Pose, Round, read_outline
     from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
     from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
-    from twosra_mpc.problem.workspace import Workspace
-    from twosra_mpc.problem.world import Box, Disc, Obstacle, World
+    from twosra_mpc.problem.world import Box, Disc, Obstacle, Workspace, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.robot.path_fitting import with_path_model
@@ -66,8 +65,7 @@ _PUBLIC = {
     "problem.problem": ("Problem", "Start", "Weights", "load_problem", "scenario_names"),
     "problem.objects": ("Object", "Pose", "Round", "read_outline"),
     "problem.tasks": ("Carry", "Conform", "Grasp", "Pass", "Reach", "Release", "Task"),
-    "problem.workspace": ("Workspace",),
-    "problem.world": ("Box", "Disc", "Obstacle", "World"),
+    "problem.world": ("Box", "Disc", "Obstacle", "Workspace", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
     "robot.path_fitting": ("with_path_model",),

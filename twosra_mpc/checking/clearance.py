@@ -25,8 +25,7 @@ from twosra_mpc.problem.ends import ends_to_check
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
-from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.problem.world import Obstacle, World
+from twosra_mpc.problem.world import Obstacle, Workspace, World
 from twosra_mpc.robot.coordinates import POSE, Array, composed
 from twosra_mpc.robot.geometry import Geometry
 

@@ -31,8 +31,7 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.stages import Stage, stages_of
 from twosra_mpc.problem.tasks import Pass, Task, passes, task_problems
 from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
-from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.problem.world import Obstacles, World, names_twice
+from twosra_mpc.problem.world import Obstacles, Workspace, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode

@@ -14,7 +14,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import Goal, GoalSet
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.stages import Stage
-from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.problem.world import Obstacle, check_growing
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
@@ -107,12 +107,9 @@ class Pass(Task):
 
     @model_validator(mode="after")
     def _growing(self) -> Pass:
-        given = {name: getattr(self, name) for name in ("x_m", "y_m", "phi_rad")}
-        if not any(given.values()):
+        if self.x_m is None and self.y_m is None and self.phi_rad is None:
             raise InputError("", {}, "at least one of x_m, y_m, phi_rad")
-        for name, pair in given.items():
-            if pair is not None and not pair[0] < pair[1]:
-                raise InputError(name, pair, "two numbers, the lower one first")
+        check_growing(x_m=self.x_m, y_m=self.y_m, phi_rad=self.phi_rad)
         return self
 
     @property

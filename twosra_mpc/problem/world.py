@@ -1,18 +1,15 @@
-"""What is around the robot: obstacles, and how far to keep from them."""
+"""What is around the robot: obstacles, how far to keep from them, and edges of the workspace."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from twosra_mpc.errors import MISSING, InputError
-from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import (
     Metres,
@@ -25,8 +22,55 @@ from twosra_mpc.validation import (
 
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6
+_AROUND_M = 1e-3  # about points that a workspace is widened for
 MOST_CORNERS, MOST_OBSTACLES = 20_000, 1_000  # more take minutes to plan around, and gigabytes
-_AT_ONCE = 200_000  # pairs of sides, to spare memory
+
+
+def check_growing(**pairs: tuple[float, float] | None) -> None:
+    """Check intervals by their names; None is free.
+
+    Raises:
+        InputError: Naming those whose ends are not in order.
+    """
+    found = [
+        InputError(name, pair, "two numbers, the lower one first")
+        for name, pair in pairs.items()
+        if pair is not None and not pair[0] < pair[1]
+    ]
+    if found:
+        raise found[0].among(found[1:])
+
+
+class Workspace(Value):
+    """A box along the axes of the plane; an axis that is left out is free."""
+
+    x_m: MetresPair | None = None
+    y_m: MetresPair | None = None
+
+    @model_validator(mode="after")
+    def _low_below_high(self) -> Workspace:
+        check_growing(x_m=self.x_m, y_m=self.y_m)
+        return self
+
+    @property
+    def corners_m(self) -> Array:
+        """Least and largest x and y, (2, 2); infinite where free."""
+        free = (-np.inf, np.inf)
+        return np.array([self.x_m or free, self.y_m or free]).T
+
+    def holding(self, points: Array) -> Workspace:
+        """The box, no smaller than these points (..., 2) need with a millimetre around them."""
+        flat, (low, high) = points.reshape(-1, 2), self.corners_m
+        low = np.minimum(low, flat.min(axis=0) - _AROUND_M).tolist()
+        high = np.maximum(high, flat.max(axis=0) + _AROUND_M).tolist()
+        x_m, y_m = zip(low, high, strict=True)
+        return Workspace(x_m=x_m if self.x_m else None, y_m=y_m if self.y_m else None)
+
+    def margin_m(self, points: Array) -> Array:
+        """How far points (..., 2) are within the box; negative outside, by the farther axis."""
+        low, high = self.corners_m
+        margin: Array = np.minimum(points - low, high - points).min(axis=-1)
+        return margin
 
 
 class Box(Value):
@@ -37,9 +81,7 @@ class Box(Value):
 
     @model_validator(mode="after")
     def _low_below_high(self) -> Box:
-        for name, pair in (("x_m", self.x_m), ("y_m", self.y_m)):
-            if not pair[0] < pair[1]:
-                raise InputError(name, pair, "two numbers, the lower one first")
+        check_growing(x_m=self.x_m, y_m=self.y_m)
         return self
 
     @property
@@ -188,42 +230,15 @@ def area_m2(corners: Array) -> float:
 
 def _crossing(corners: Array) -> tuple[int, int] | None:
     """Two sides that meet although they are no neighbours, or fold back on each other."""
-    a, b = corners, np.roll(corners, -1, axis=0)
-    ahead = b - a
+    import shapely  # boxes and discs need none
+
+    ahead = np.roll(corners, -1, axis=0) - corners
     turn = ahead[:, 0] * np.roll(ahead[:, 1], -1) - ahead[:, 1] * np.roll(ahead[:, 0], -1)
     back = (turn == 0) & ((ahead * np.roll(ahead, -1, axis=0)).sum(axis=1) <= 0)
     if back.any():
         k = int(np.flatnonzero(back)[0])
         return k, (k + 1) % len(corners)
-
-    def side(p: Array, q: Array, r: Array) -> Array:
-        along, to = q - p, r - p
-        return np.sign(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
-
-    found = list[tuple[int, int]]()
-    for first, second in _pairs(np.minimum(a, b), np.maximum(a, b)):
-        apart = (second - first > 1) & (second - first < len(corners) - 1)
-        p, q, r, s = a[first], b[first], a[second], b[second]
-        meet = apart & (side(p, q, r) * side(p, q, s) <= 0) & (side(r, s, p) * side(r, s, q) <= 0)
-        found += zip(first[meet].tolist(), second[meet].tolist(), strict=True)
-    return min(found, default=None)
-
-
-def _pairs(low: Array, high: Array) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Numbers of boxes that overlap, the lesser one first: by a sweep along one axis, in parts."""
-    sweeps = []
-    for axis in (0, 1):
-        order = np.argsort(low[:, axis], kind="stable")
-        until = np.searchsorted(low[order, axis], high[order, axis], side="right")
-        sweeps.append((order, until - np.arange(1, len(low) + 1)))
-    order, counts = min(sweeps, key=lambda sweep: int(sweep[1].sum()))
-    ends = np.cumsum(counts)
-    parts = np.unique(np.searchsorted(ends, np.arange(0, ends[-1], _AT_ONCE), side="right"))
-    for begin, end in itertools.pairwise([*parts.tolist(), len(low)]):
-        rows = np.repeat(np.arange(begin, end), counts[begin:end])
-        passed = ends[begin:end] - counts[begin:end]
-        nth = passed[0] + np.arange(len(rows)) - np.repeat(passed, counts[begin:end])
-        one, two = order[rows], order[rows + 1 + nth]
-        overlap = ((low[one] <= high[two]) & (low[two] <= high[one])).all(axis=1)
-        one, two = one[overlap], two[overlap]
-        yield np.minimum(one, two), np.maximum(one, two)
+    sides: Any = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    first, second = shapely.STRtree(sides).query(sides, predicate="intersects")
+    apart = (second - first > 1) & (second - first < len(corners) - 1)
+    return min(zip(first[apart].tolist(), second[apart].tolist(), strict=True), default=None)

@@ -22,7 +22,7 @@ from twosra_mpc.model.rows import in_mode
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.workspace import Workspace
+from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
