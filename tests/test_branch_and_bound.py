@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twosra_mpc.effort import Ending
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
-from twosra_mpc.plans.ending import Ending
 
 Path = tuple[int, ...]
 

@@ -20,6 +20,7 @@ from twosra_mpc.effort import (
     OVERTIME,
     OVERTIME_S,
     Cost,
+    Ending,
     OutOfEffortError,
     charge,
     lend_overtime,
@@ -31,7 +32,6 @@ from twosra_mpc.effort import (
 )
 from twosra_mpc.planning.solver import fixed_sequence
 from twosra_mpc.planning.solver.multiple_shooting import ipopt
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.result import Result
 
 if TYPE_CHECKING:  # another process imports this, without the other tests

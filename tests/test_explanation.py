@@ -19,8 +19,8 @@ from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.analysis.transition_speed import reference_s, slowed
+from twosra_mpc.effort import Ending
 from twosra_mpc.planning.planner import plan_without
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.robot.segment import LumpedSegment
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twosra_mpc import Goal, InputError, Problem, Start, load_problem, plan
-from twosra_mpc.problem.free_shapes import look_for_shape
+from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import broken_by_shapes, shape_margins
 from twosra_mpc.robot.coordinates import Array

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853, quad, solve_ivp
 
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
+from twosra_mpc.model.chain import sagitta_ratio, sinc, versine_ratio, versine_ratio_squared
 from twosra_mpc.model.flow import FINE_STEPS, interval_flow, roll_out
 from twosra_mpc.model.kinematics import hybrid_jacobian, kinematics, wheel_travel
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.model.series import sagitta_ratio, sinc, versine_ratio, versine_ratio_squared
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE
 from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, mode_name

@@ -15,7 +15,7 @@ from twosra_mpc import Explanation, Problem, explain, load_problem, plan
 from twosra_mpc.analysis import goal_by_goal as ways
 from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.goal_by_goal import GoalByGoal, goal_by_goal
-from twosra_mpc.plans.ending import Ending
+from twosra_mpc.effort import Ending
 from twosra_mpc.problem.tasks import Pass, Reach, in_one_go
 
 

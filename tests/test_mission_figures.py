@@ -25,7 +25,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
-from twosra_mpc.plans.stretches import Stretch, stretches
+from twosra_mpc.plans.trajectory import Stretch, stretches
 from twosra_mpc.plotting import (
     figures,
     object_figures,

@@ -19,6 +19,7 @@ import twosra_mpc.planning.planner as planner
 from twosra_mpc import InputError, Problem, Result, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.effort import Ending
 from twosra_mpc.lab.worlds.passages import decide_between
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.solver.block import Sweep, block
@@ -26,7 +27,6 @@ from twosra_mpc.planning.solver.placer import Placer
 from twosra_mpc.planning.solver.sequence_solver import checked
 from twosra_mpc.planning.solver.stations import HIDDEN_S, Stations, chains
 from twosra_mpc.planning.stages.necessity import Necessity
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot

@@ -41,9 +41,9 @@ from twosra_mpc import (
     plan,
     save_setpoints,
 )
+from twosra_mpc.effort import Ending
 from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, percent
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import SAME_TIME_S

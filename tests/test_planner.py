@@ -24,13 +24,12 @@ from twosra_mpc import (
     load_problem,
     plan,
 )
-from twosra_mpc.effort import Cost, charge, limited
+from twosra_mpc.effort import Cost, Ending, charge, limited
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import Progress
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import Candidate
 from twosra_mpc.planning.solver.sequence_solver import GoalSolver, Solved, trusted
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.timing.network import TemporalNetwork

@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 
 import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, Plan, Problem, Robot, Start, Status, load_problem, load_robot, plan
+from twosra_mpc.effort import Ending
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
@@ -22,7 +23,6 @@ from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, feasible_schedule, scheduled
 from twosra_mpc.planning.solver.gentle import gentle
 from twosra_mpc.planning.solver.guess import guess_motion
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.limits import interval_durations, rigid_ramp_s, rigid_rows
 from twosra_mpc.problem.tolerances import forgiven

@@ -12,6 +12,7 @@ function needs to hand them down.
 
 from __future__ import annotations
 
+import enum
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator
@@ -67,6 +68,15 @@ class Cost:
     SHAPE = 2000  # another shape on the way
     CHAIN = 60  # a thousand legs that a chain of stations may have
     KEPT = 1  # what was kept: as much as it cost when it was made
+
+
+class Ending(enum.StrEnum):
+    """Reason for the end of a search."""
+
+    CLOSED = "closed"  # the incumbent is within the gap of the lower bound
+    EXHAUSTED = "exhausted"  # nothing left to open can beat the incumbent
+    LIMIT = "limit"  # of time
+    INTERRUPTED = "interrupted"  # by Ctrl-C
 
 
 class OutOfEffortError(TwosraError):

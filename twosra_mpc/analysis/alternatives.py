@@ -18,9 +18,9 @@ import numpy as np
 from twosra_mpc.analysis.goal_by_goal import TEMPERATURES, goal_by_goal, goals
 from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted, plan_without
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem

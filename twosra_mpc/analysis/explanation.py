@@ -28,14 +28,14 @@ from twosra_mpc.analysis.critical_path import (
     in_words,
 )
 from twosra_mpc.arguments import made, public
+from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.relaxation import bending_task
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stretches import stretches
+from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model

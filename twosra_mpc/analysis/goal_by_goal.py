@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere

@@ -15,7 +15,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, check_writable, locate, read_text, write_text
 from twosra_mpc.keys import near_word
 from twosra_mpc.problem.problem import load_problem, scenario_names
-from twosra_mpc.robot.description import load_robot, robot_names
+from twosra_mpc.robot.description import load_robot, robot_document, robot_names
 
 
 @command("scenarios")
@@ -180,9 +180,9 @@ def _robot(source: str, name: str) -> str:
     if name in built_in_names("robots"):
         raise InputError("NAME", name, "a name that no built-in robot has")
     _check_built_in(source, "robot")
-    from twosra_mpc.robot.copies import renamed_robot  # half a second
-
-    return renamed_robot(source, name)
+    document = robot_document(source)
+    document["name"] = name
+    return document.as_string()
 
 
 def _check_built_in(source: str, kind: Kind) -> None:

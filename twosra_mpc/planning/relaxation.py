@@ -24,7 +24,7 @@ from twosra_mpc.planning.search.nodes import Nodes
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.placements import Placement, Variant
-from twosra_mpc.problem.free_shapes import look_for_shape
+from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
     CURVATURE,

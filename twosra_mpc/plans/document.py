@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
+from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import LARGEST, check_kind, json_document, reading, toml_document
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import FORMAT_VERSION, MISSION_VERSION, Result, Stats
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from twosra_mpc.arguments import made, public
+from twosra_mpc.effort import Ending
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
 from twosra_mpc.installation import __version__
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import FORMAT, Problem
 from twosra_mpc.validation import ArrayValue

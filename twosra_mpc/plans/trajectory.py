@@ -21,6 +21,8 @@ from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
@@ -343,3 +345,40 @@ def _intervals(changes: list[tuple[float, State]], end_s: float) -> tuple[Interv
     ends = [*(t for t, _ in changes[1:]), end_s]
     whole = [Interval(t, end, state) for (t, state), end in zip(changes, ends, strict=True)]
     return (*(one for one in whole[:-1] if one.end_s > one.start_s), whole[-1])
+
+
+class Stretch(NamedTuple):
+    """The part of a plan in which a stage is done.
+
+    Attributes:
+        stage: What is asked.
+        from_s: Since when [s].
+        to_s: When it is done [s].
+    """
+
+    stage: Stage
+    from_s: float
+    to_s: float
+
+    @property
+    def words(self) -> str:
+        """Words for the task, e.g. "grasp cup"."""
+        return self.stage.words
+
+    @property
+    def task(self) -> Task | None:
+        """Task; None for the goal."""
+        return self.stage.task
+
+
+def stretches(trajectory: Trajectory) -> tuple[Stretch, ...]:
+    """The stages of a plan, in order; none where a plan only reaches a goal."""
+    if not trajectory.problem.tasks:
+        return ()
+    found, before_s = list[Stretch](), 0.0
+    for number, stage in enumerate(trajectory.problem.stages()):
+        ends = trajectory.done_s if stage.task is not None else ()
+        to_s = ends[number] if ends else trajectory.duration_s
+        found.append(Stretch(stage, before_s, to_s))
+        before_s = to_s
+    return tuple(found)

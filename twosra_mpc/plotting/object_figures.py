@@ -17,8 +17,7 @@ from matplotlib.patches import Patch, Polygon
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.stretches import Stretch
-from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.plans.trajectory import Stretch, Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.labels import label
 from twosra_mpc.problem.objects import Object

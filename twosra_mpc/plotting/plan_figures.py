@@ -19,14 +19,15 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
-from twosra_mpc.plans.stretches import Stretch, stretches
 from twosra_mpc.plans.trajectory import (
     Phase,
     Samples,
     State,
+    Stretch,
     soft_and_changing,
     state_at,
     stiffness_intervals,
+    stretches,
 )
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR

@@ -12,15 +12,16 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stretches import Stretch, stretches
 from twosra_mpc.plans.trajectory import (
     CHANGING,
     SAME_TIME_S,
     Interval,
     Phase,
     State,
+    Stretch,
     state_at,
     stiffness_intervals,
+    stretches,
 )
 from twosra_mpc.plotting.object_figures import goals, targets
 from twosra_mpc.plotting.timeline_figures import TimeStretch

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stretches import Stretch
-from twosra_mpc.plans.trajectory import Interval, Phase, stiffness_intervals
+from twosra_mpc.plans.trajectory import Interval, Phase, Stretch, stiffness_intervals
 from twosra_mpc.plotting.figures import (
     BESIDE,
     PLANNED_COLOUR,

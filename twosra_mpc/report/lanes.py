@@ -10,8 +10,7 @@ import numpy as np
 
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import rows
-from twosra_mpc.plans.stretches import stretches
-from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals
+from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals, stretches
 from twosra_mpc.plotting import TimeStretch
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, soft_segments

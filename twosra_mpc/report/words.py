@@ -20,7 +20,7 @@ from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stretches import stretches
+from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE

@@ -11,14 +11,14 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from weakref import WeakValueDictionary
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, InputWarning
-from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
+from twosra_mpc.files import built_in_names, check_kind, locate, read_document, read_text, reading
 from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
@@ -30,6 +30,9 @@ from twosra_mpc.robot.segment import AnySegment, Heater, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
+
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
 
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
@@ -248,3 +251,17 @@ def load_robot(source: str | Path) -> Robot:
 def robot_names() -> list[str]:
     """Names of the built-in robots."""
     return built_in_names("robots")
+
+
+def robot_document(source: str | Path) -> TOMLDocument:
+    """Read a robot file (a built-in name or a path) with its comments and layout.
+
+    Raises:
+        InputError: If there is none, it cannot be read, or is not a TOML file.
+    """
+    import tomlkit  # half a second
+
+    path = locate(source, "robots", "robot")
+    if path.suffix == ".json":
+        raise InputError("robot", str(source), "a TOML file, to be copied with its comments")
+    return tomlkit.parse(read_text(path, str(source)))

@@ -64,7 +64,7 @@ class ArcPath(OfPath):
 
     @property
     def largest_bend_rad(self) -> float:
-        """A full circle: the series of ``model.series`` are accurate so far."""
+        """A full circle: the series of ``model.chain`` are accurate so far."""
         return math.tau
 
 

@@ -10,7 +10,7 @@ from tomlkit.items import AoT, Table
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.identification.thermal_fit import LOGS_DIFFER, ThermalFit
 from twosra_mpc.lab.identification.transition_fit import TransitionFit
-from twosra_mpc.robot.copies import robot_document
+from twosra_mpc.robot.description import robot_document
 
 
 def write_identified_robot(

@@ -14,10 +14,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
-from twosra_mpc.effort import OutOfEffortError, spent
+from twosra_mpc.effort import Ending, OutOfEffortError, spent
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.interrupts import noted_interrupts
-from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.tolerances import forgiven
 
 Node = TypeVar("Node")
