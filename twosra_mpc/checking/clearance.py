@@ -185,8 +185,7 @@ def depths_m(item: Obstacle, points: Array) -> Array:
     shapely.prepare(shape)
     inside = shapely.contains_properly(shape, at)
     to_edge = shapely.distance(shapely.boundary(shape), at)
-    found: Array = np.where(inside, to_edge, -shapely.distance(shape, at))
-    return found
+    return np.where(inside, to_edge, -shapely.distance(shape, at))
 
 
 def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
@@ -194,8 +193,7 @@ def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
     (solid,), (fibre,) = _drawn(geometry, q[None])
     at = shapely.points(points)
     to_fibre = shapely.distance(fibre, at) - geometry.fibre_radius_m
-    found: Array = np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
-    return found
+    return np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
 
 
 def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, far_m: float) -> bool:

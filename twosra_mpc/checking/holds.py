@@ -181,8 +181,7 @@ def pushes(
     loads = np.round(loads / np.where(size > 0, size, 1.0), 9)
     each, which = np.unique(loads, axis=0, return_inverse=True)
     held = np.array([not load.any() or nnls(cone, load)[1] <= _MISSED for load in each])
-    found: NDArray[np.bool_] = held[which.ravel()]
-    return found
+    return held[which.ravel()]
 
 
 def _turned(directions: Array, angle: float) -> Array:

@@ -153,5 +153,4 @@ def _facets(generators: Array) -> Array:
         across = own if rank == 1 else np.column_stack([-own[:, 1], own[:, 0]])
         sides = np.concatenate([across, -across])
         sides = sides[(sides @ own.T <= _FLAT).all(axis=1)]
-    facets: Array = np.concatenate([flat, sides @ axes[:rank]])
-    return facets
+    return np.concatenate([flat, sides @ axes[:rank]])

@@ -63,8 +63,7 @@ def rolled(body: Body, mode: Mode, start: Array, turned: Array) -> Array:
     """Configurations (m + 1, 3 + n) from ``start`` on, as the wheels turn by ``turned`` (m, 4)."""
     chain = rolling(body, mode).mapaccum(len(turned))
     still = np.zeros((3, len(turned)))
-    reached: Array = np.vstack([start, chain(start, turned.T, still).full().T])
-    return reached
+    return np.vstack([start, chain(start, turned.T, still).full().T])
 
 
 def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.SX:

@@ -127,8 +127,7 @@ class SelfCollision:
     def _at(self, kappa: Array) -> Array:
         """Rectangles in shapes (m, n), (m, 6, k)."""
         (found,) = by_rows(self._rectangles, kappa)
-        rectangles: Array = found.reshape(len(kappa), -1, 6).swapaxes(1, 2)
-        return rectangles
+        return found.reshape(len(kappa), -1, 6).swapaxes(1, 2)
 
 
 @per_body()

@@ -247,8 +247,7 @@ class Trajectory(ArrayValue):
 
     def _input(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Input ``elapsed`` [s] after the samples ``at``."""
-        v: Array = self.samples.v[at] + self.samples.a[at] * elapsed[:, None]
-        return v
+        return self.samples.v[at] + self.samples.a[at] * elapsed[:, None]
 
     def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Configuration ``elapsed`` [s] after the samples ``at``."""

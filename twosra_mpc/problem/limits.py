@@ -252,8 +252,7 @@ def overlap_in_words(robot: Robot | Body, kappa: ArrayLike) -> str:
 def body_gaps_m(robot: Robot | Body, kappa: ArrayLike) -> Array:
     """Least gap that is left between parts of the robot in shapes (m, n), (m,) [m]."""
     margins = shape_margins(robot, kappa)
-    gaps_m: Array = np.minimum(margins[UNIT_GAP.name], margins[BODY_GAP.name])
-    return gaps_m
+    return np.minimum(margins[UNIT_GAP.name], margins[BODY_GAP.name])
 
 
 def bent_back(robot: Robot | Body, kappa: Array) -> Array:

@@ -64,5 +64,4 @@ def inverse(poses: Array) -> Array:
 
 def wrapped(angle_rad: Array) -> Array:
     """Angles within half a turn of zero [rad]."""
-    found: Array = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
-    return found
+    return np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi

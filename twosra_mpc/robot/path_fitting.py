@@ -287,8 +287,7 @@ def polar(points: Array, x: float, y: float) -> tuple[Array, Array]:
 
 def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:
     """Points (n, 2) at distances and turns (n,) about a centre."""
-    points: Array = np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre
-    return points
+    return np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre
 
 
 def _rms(residual: Array) -> float:

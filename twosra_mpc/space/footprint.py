@@ -110,8 +110,7 @@ def arcs(ends: Array, bend_rad: Array, count: int) -> Array:
     turn = half * (share - 1)  # from the chord of all to these
     c, s = length * np.cos(turn), length * np.sin(turn)
     x, y = chord[:, :1], chord[:, 1:]
-    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
-    return found
+    return ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def strips(a: Array, b: Array, half_width: Array, longer: Array | float = 0.0) -> Array:

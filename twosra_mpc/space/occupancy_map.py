@@ -179,8 +179,7 @@ def _pinched(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """True where two occupied cells share a corner alone, (rows - 1, columns - 1)."""
     lower, upper = occupied[:-1], occupied[1:]
     a, b, c, d = lower[:, :-1], lower[:, 1:], upper[:, :-1], upper[:, 1:]
-    found: NDArray[np.bool_] = (a & d & ~b & ~c) | (b & c & ~a & ~d)
-    return found
+    return (a & d & ~b & ~c) | (b & c & ~a & ~d)
 
 
 def _union(occupied: NDArray[np.bool_]) -> Any:

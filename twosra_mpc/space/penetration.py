@@ -73,8 +73,7 @@ def _moment(corners: Array) -> Array:
     """Integral of the position over a polygon, (2,) [m3]."""
     ahead = np.roll(corners, -1, axis=0)
     twice = corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]
-    found: Array = twice @ (corners + ahead) / 6
-    return found
+    return twice @ (corners + ahead) / 6
 
 
 def _sides(corners: Array) -> tuple[Array, Array]:

@@ -55,8 +55,7 @@ def times_from_rest_s(at_speed_s: Array, gained_s2: Array) -> Array:
     ``gained_s2`` is what they travel divided by the largest acceleration, in any unit of length.
     """
     ramp_s = gained_s2 / np.maximum(at_speed_s, 1e-300)
-    found: Array = np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(gained_s2))
-    return found
+    return np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(gained_s2))
 
 
 def continued(poses: Array) -> Array:

@@ -91,8 +91,7 @@ class Surroundings:
                 by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
                 by_piece = ((part.corners @ normals).min(axis=1) - reach).max(axis=0)
                 np.minimum.at(found[:, k], row, np.maximum(by_part, by_piece))
-        least: Array = np.minimum(found, FAR_M)
-        return least
+        return np.minimum(found, FAR_M)
 
     def _least(self, corners: Array, lent_m: Array | float) -> Array:
         least: Array = (self.to_parts(corners) + lent_m).min(axis=1, initial=FAR_M)

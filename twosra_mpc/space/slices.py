@@ -130,8 +130,7 @@ class FreeSlices:
 
     def within(self, positions: Array) -> Array:
         """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""
-        inside: Array = np.clip(positions, *self.box_m)
-        return inside
+        return np.clip(positions, *self.box_m)
 
     def parts_at(self, pose: Array) -> list[int]:
         """Parts that hold a pose (3,): none, one, or on a border between headings several."""

@@ -75,8 +75,7 @@ class TemperatureTrajectory:
 
     def setpoint_C(self, t: Array) -> Array:
         """Temperature set-point from each time to the next [C]."""
-        setpoints: Array = np.array([piece.setpoint_C for piece in self.pieces])[self._numbers(t)]
-        return setpoints
+        return np.array([piece.setpoint_C for piece in self.pieces])[self._numbers(t)]
 
     def current_A(self, t: Array) -> Array:
         """Heater current from each time to the next, of the right energy where it varies [A]."""
