@@ -26,7 +26,7 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
 from twosra_mpc.problem.world import Obstacle, Workspace, World
-from twosra_mpc.robot.coordinates import POSE, Array, composed
+from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation
 from twosra_mpc.robot.geometry import Geometry
 
 CONTACT_M = 5e-4  # by which contacts may differ in their distance
@@ -143,9 +143,8 @@ class Carrying:
 
     def corners_m(self, q: Array) -> Array:
         """Corners of what configurations (m, 3 + n) carry, (m, corners, 2)."""
-        x, y, phi = np.moveaxis(self.poses(q), -1, 0)
-        turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])
-        found: Array = self._own @ np.moveaxis(turn, -1, 0) + np.stack([x, y], -1)[:, None]
+        poses = self.poses(q)
+        found: Array = self._own @ rotation(poses[:, 2]) + poses[:, None, :2]
         return found
 
 

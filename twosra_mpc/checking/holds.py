@@ -21,7 +21,7 @@ from twosra_mpc.checking.clearance import (
 from twosra_mpc.checking.sweep import sagitta_m
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation
 from twosra_mpc.robot.geometry import Geometry
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
@@ -123,8 +123,7 @@ def _free(
     free = np.ones((headings, count, count), dtype=bool)
     charge(Cost.BOX, len(discs) * free.size // _AT_ONCE)
     for k, phi in enumerate(pose[2] + np.arange(headings) * math.tau / headings):
-        turn = np.array([[math.cos(phi), math.sin(phi)], [-math.sin(phi), math.cos(phi)]])
-        begin = pad + np.rint(discs[:, :2] @ turn / step).astype(int)
+        begin = pad + np.rint(discs[:, :2] @ rotation(phi) / step).astype(int)
         for (i, j), reach in zip(begin.tolist(), (discs[:, 2] - moved).tolist(), strict=True):
             free[k] &= apart[i : i + count, j : j + count] >= reach
     return free
@@ -171,7 +170,7 @@ def pushes(
     (x, y), area = centroid_and_area(placed)
     c = _SURFACE * math.sqrt(area / math.pi)
     angle = math.atan(thing.friction or 0.0)
-    forces = np.concatenate([_turned(inward, angle), _turned(inward, -angle)])
+    forces = np.concatenate([inward @ rotation(angle), inward @ rotation(-angle)])
     arms = np.tile(points - [x, y], (2, 1))
     moments = arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]
     cone = np.column_stack([forces, moments / c]).T
@@ -182,9 +181,3 @@ def pushes(
     each, which = np.unique(loads, axis=0, return_inverse=True)
     held = np.array([not load.any() or nnls(cone, load)[1] <= _MISSED for load in each])
     return held[which.ravel()]
-
-
-def _turned(directions: Array, angle: float) -> Array:
-    c, s = math.cos(angle), math.sin(angle)
-    found: Array = directions @ np.array([[c, s], [-s, c]])
-    return found

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.robot.coordinates import Array, inverse
+from twosra_mpc.robot.coordinates import Array, inverse, rotation
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, contacts
 from twosra_mpc.space.footprint import footprint
@@ -61,7 +61,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
     """
     around, outline = footprint(geometry, kappa, _SAGITTA_M).inner, thing.own
     x, y, phi = np.asarray(pose_in_b0, dtype=float).tolist()
-    turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])  # for row vectors
+    turn = rotation(phi)
     middle = Contour.of(outline).centroid
     at = middle @ turn + [x, y]
     if outline.disc is not None:
@@ -120,8 +120,7 @@ def pushing_cone(
     contour, pose = Contour.of(thing.own), np.asarray(pose_in_b0, dtype=float)
     q = np.concatenate([inverse(pose), np.asarray(kappa, dtype=float)])
     points, into = contacts(geometry, contour, q)
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    turn = np.array([[c, s], [-s, c]])  # for row vectors
+    turn = rotation(pose[2])
     middle = contour.centroid @ turn + pose[:2]
     points, into = points @ turn + pose[:2], into @ turn
     wide = 0.6 * np.sqrt(contour.area_m2 / np.pi)

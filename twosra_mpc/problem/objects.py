@@ -13,7 +13,7 @@ from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
 from twosra_mpc.problem.world import Box, Disc, Obstacle, check_polygon
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.validation import (
     Metres,
     MetresPair,
@@ -98,8 +98,7 @@ class Object(Value):
         if self.disc is not None:
             return Obstacle(name=self.name, disc=Disc(x_m=x, y_m=y, radius_m=self.disc.radius_m))
         corners = self.box.corners_m if self.box is not None else np.array(self.polygon_m)
-        c, s = math.cos(phi), math.sin(phi)
-        placed = corners @ np.array([[c, s], [-s, c]]) + [x, y]
+        placed = corners @ rotation(phi) + [x, y]
         return Obstacle(name=self.name, polygon_m=tuple(map(tuple, placed.tolist())))
 
     @property

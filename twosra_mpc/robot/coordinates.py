@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,12 @@ def inverse(poses: Array) -> Array:
     c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     x, y = poses[..., 0], poses[..., 1]
     return np.stack([-c * x - s * y, s * x - c * y, -poses[..., 2]], axis=-1)
+
+
+def rotation(angle_rad: ArrayLike) -> Array:
+    """Matrices that turn row vectors by angles (...,), (..., 2, 2)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
 
 
 def wrapped(angle_rad: Array) -> Array:

@@ -5,7 +5,6 @@ https://docs.ros.org/en/rolling/p/nav2_map_server, http://wiki.ros.org/map_serve
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from twosra_mpc.files import open_image, read_text, reading
 from twosra_mpc.keys import near_key
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, rotation
 from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
 
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
@@ -60,8 +59,7 @@ class OccupancyMap:
     def in_plane(self, cells: Array) -> Array:
         """Points [m] of points (..., 2) in cells, to the nanometre."""
         *corner, yaw = self.origin
-        c, s = math.cos(yaw), math.sin(yaw)
-        turned = self.cell_m * cells @ np.array([[c, s], [-s, c]])
+        turned = self.cell_m * cells @ rotation(yaw)
         points: Array = np.round(np.array(corner) + turned, 9)
         return points
 

@@ -6,15 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.problem.world import area_m2
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, rotation
 from twosra_mpc.space.convex import convex_parts
 
 _LIMIT_SURFACE = 0.6  # of the radius of gyration of the friction, by the square root of area / pi
-_ROUNDING_M2 = 1e-18  # the area of a nanometre squared
 
 
 class Contact(NamedTuple):
@@ -48,16 +47,15 @@ class Thing:
         self.friction = item.friction or 0.0
         self.own = item.own.corners_m
         self.parts = convex_parts(self.own)
-        areas = np.array([area_m2(part) for part in self.parts])
-        self.middle = sum(map(_moment, self.parts), np.zeros(2)) / areas.sum()
+        outline = shapely.Polygon(self.own)
+        self.middle = _centroid(outline)
         self.radius_m = float(np.linalg.norm(self.own, axis=1).max())
-        self.lever_m = _LIMIT_SURFACE * math.sqrt(areas.sum() / math.pi)
+        self.lever_m = _LIMIT_SURFACE * math.sqrt(outline.area / math.pi)
 
     def placed(self, pose: Array) -> list[Array]:
         """Its convex parts at a pose (3,), each (k, 2)."""
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        turned = np.array([[c, s], [-s, c]])
-        return [part @ turned + pose[:2] for part in self.parts]
+        turn = rotation(pose[2])
+        return [part @ turn + pose[:2] for part in self.parts]
 
     def deepest(self, pose: Array, pieces: Array) -> Contact | None:
         """Deepest contact with pieces (p, k, 2), counter-clockwise; None where there is none."""
@@ -69,11 +67,9 @@ class Thing:
         return found if found.depth_m > 0 else None
 
 
-def _moment(corners: Array) -> Array:
-    """Integral of the position over a polygon, (2,) [m3]."""
-    ahead = np.roll(corners, -1, axis=0)
-    twice = corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]
-    return twice @ (corners + ahead) / 6
+def _centroid(shape: shapely.Geometry) -> Array:
+    """Centroid, (2,) [m]."""
+    return shapely.get_coordinates(shapely.centroid(shape))[0]
 
 
 def _sides(corners: Array) -> tuple[Array, Array]:
@@ -130,19 +126,5 @@ def _within(points: Array, normals: Array, reach: Array) -> NDArray[np.bool_]:
 
 
 def _shared(part: Array, piece: Array) -> Array:
-    """Centroid of what two convex polygons share (Sutherland and Hodgman), (2,)."""
-    left = part
-    for normal, reach in zip(*_sides(piece), strict=True):
-        beyond, ahead = left @ normal - reach, np.roll(left, -1, axis=0)
-        after = np.roll(beyond, -1)
-        corners = []
-        for k in range(len(left)):
-            if beyond[k] <= 0:
-                corners.append(left[k])
-            if beyond[k] * after[k] < 0:
-                corners.append(left[k] + beyond[k] / (beyond[k] - after[k]) * (ahead[k] - left[k]))
-        if not corners:
-            break
-        left = np.array(corners)
-    area = area_m2(left)
-    return left.mean(axis=0) if area < _ROUNDING_M2 else _moment(left) / area
+    """Centroid of what two convex polygons share, (2,); they overlap."""
+    return _centroid(shapely.intersection(shapely.Polygon(part), shapely.Polygon(piece)))

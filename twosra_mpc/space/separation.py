@@ -21,7 +21,7 @@ import numpy as np
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.tolerances import kept_from_m
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint, footprints, reach_per_curvature_m2
@@ -145,9 +145,7 @@ class Separation:
 
 def placed(pieces: Array, poses: Array) -> Array:
     """Corners of pieces (p, k, 2), or (m, p, k, 2), at poses (m, 3), (m, p, k, 2)."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    turned = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)  # for row vectors
-    corners: Array = pieces @ turned[:, None] + poses[:, None, None, :2]
+    corners: Array = pieces @ rotation(poses[:, 2])[:, None] + poses[:, None, None, :2]
     return corners
 
 
