@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -145,6 +146,18 @@ class Value(BaseModel):
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
         return type(self)(**{**dict(self), **changes})
+
+    def check_growing(self, *names: str) -> None:
+        """Check that each of these fields is more than the one before it.
+
+        Raises:
+            InputError: Naming one that is not.
+        """
+        for name, after in itertools.pairwise(names):
+            low, value = getattr(self, name), getattr(self, after)
+            if not low < value:
+                unit = unit_of(name).removeprefix("degrees ")
+                raise InputError(after, value, f"more than {name} ({low:zg} {unit})")
 
     def __copy__(self) -> Self:
         """Copy the fields, and nothing that was worked out of them: ``model_copy`` changes some."""

@@ -24,7 +24,7 @@ from twosra_mpc.arguments import made, public
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.reintegration import between_problems
 from twosra_mpc.checking.verification import Findings, examine, verify
-from twosra_mpc.files import json_document, read_text, reading
+from twosra_mpc.files import differences, json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import plan_in
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
@@ -197,20 +197,10 @@ def _robot(stored: Robot, known: Robot | None) -> Check:
     own, meant = (item.model_dump(mode="json", exclude=left_out) for item in (stored, right))
     if other and _alike(own["path"], meant["path"], FIT_TOLERANCE):
         own["path"] = meant["path"]
-    differences = [*_differences(own, meant)]
+    others = [f"{key} is {here}, not {there}" for key, here, there in differences(own, meant)]
     name = f"{known.name!r}" + f" with path model {model}" * other
-    text = f"not {name}: {'; '.join(differences[:3])}" if differences else f"{name}, unchanged"
-    return Check("robot", text, not differences)
-
-
-def _differences(stored: object, known: object, where: str = "") -> Iterator[str]:
-    """Differences of two tables, by their keys."""
-    if isinstance(stored, dict) and isinstance(known, dict):
-        for key in sorted(stored.keys() | known.keys()):
-            inner = f"{where}.{key}" if where else str(key)
-            yield from _differences(stored.get(key), known.get(key), inner)
-    elif stored != known:
-        yield f"{where} is {stored}, not {known}"
+    text = f"not {name}: {'; '.join(others[:3])}" if others else f"{name}, unchanged"
+    return Check("robot", text, not others)
 
 
 def _allowed_modes(plan: Plan) -> Check:
@@ -278,16 +268,11 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
     early = document["stopped_early"]
     text = f"{early}; the search ended as {result.ending or 'is not said'}"
     yield Check("stopped_early", text, early == result.stopped_early)
-    for name, stored, expected in (
-        ("duration_s", document["duration_s"], plan.cost.time_s),
-        ("gap", document["gap"], plan.gap),
-        ("search_gap", document.get("search_gap"), plan.search_gap),
-    ):
-        if stored is None or expected is None:
-            same = stored is expected
-        else:
-            same = math.isclose(stored, expected, rel_tol=ROUNDING, abs_tol=ROUNDING)
-        yield Check(name, f"{_number(stored)}; it should be {_number(expected)}", same)
+    own = {"duration_s": plan.cost.time_s, "gap": plan.gap, "search_gap": plan.search_gap}
+    for name, expected in own.items():
+        stored = document.get(name)
+        text = f"{_number(stored)}; it should be {_number(expected)}"
+        yield Check(name, text, _alike(stored, expected))
     if mission:
         for name, expected in mission_document(plan.trajectory).items():
             same = _alike(document.get(name), json.loads(json.dumps(expected)))

@@ -366,8 +366,7 @@ def _shares(body: Body, s: ca.SX, moved: ca.SX, turned: ca.SX) -> list[ca.SX]:
 
 def least_times(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     """Least time of input displacements within the speed limits, row by row at q, (m,) [s]."""
-    times: Array = np.abs(np.hstack(by_rows(speed_function(robot), q, s, mode))).max(axis=1)
-    return times
+    return least_times_and_turns(robot, q, s, mode)[0]
 
 
 def least_times_and_turns(
@@ -420,10 +419,7 @@ def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
         robot: The robot.
         kappa: The shape it drives in, (n,) [1/m].
     """
-    q = np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)])
-    rows = _rigid_rows(robot)(q).full()
-    limited: Array = rows[np.abs(rows).max(axis=1) > 0]
-    return limited
+    return rigid_rows_between(robot, kappa, kappa)[0]
 
 
 def drive_rows(robot: Robot, kappa: ArrayLike) -> tuple[Array, Array]:

@@ -48,9 +48,7 @@ class Physics(Value):
 
     @model_validator(mode="after")
     def _possible(self) -> Physics:
-        if not self.soft_stiffness_N_m2 < self.solid_stiffness_N_m2:
-            allowed = f"more than soft_stiffness_N_m2 ({self.soft_stiffness_N_m2:zg} N m2)"
-            raise InputError("solid_stiffness_N_m2", self.solid_stiffness_N_m2, allowed)
+        self.check_growing("soft_stiffness_N_m2", "solid_stiffness_N_m2")
         for name, (low, high) in self.ranges.items():
             known = [key for key in type(self).model_fields if key != "ranges"]
             if name not in known:

@@ -5,7 +5,6 @@ Every kind builds the thermal model of such a segment, and says how its sensor a
 
 from __future__ import annotations
 
-import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -53,14 +52,8 @@ class Heater(Value):
 
     @model_validator(mode="after")
     def _ordered(self) -> Heater:
-        names = (
-            *("temperature_min_C", "ambient_C", "melting_point_C"),
-            *("soft_setpoint_C", "temperature_max_C"),
-        )
-        for least, name in itertools.pairwise(names):
-            low, value = getattr(self, least), getattr(self, name)
-            if not low < value:
-                raise InputError(name, value, f"more than {least} ({low:zg} C)")
+        self.check_growing("temperature_min_C", "ambient_C", "melting_point_C")
+        self.check_growing("melting_point_C", "soft_setpoint_C", "temperature_max_C")
         if not self.temperature_min_C <= self.rigid_setpoint_C < self.melting_point_C:
             allowed = f"from {self.temperature_min_C:zg} to below {self.melting_point_C:zg} C"
             raise InputError("rigid_setpoint_C", self.rigid_setpoint_C, allowed)
@@ -222,9 +215,7 @@ class LumpedSegment(Segment):
         if not inner < self.tube_inner_diameter_m:
             allowed = f"more than core and coil, {inner:zg} m"
             raise InputError("tube_inner_diameter_m", self.tube_inner_diameter_m, allowed)
-        if not self.tube_inner_diameter_m < self.tube_outer_diameter_m:
-            allowed = f"more than tube_inner_diameter_m ({self.tube_inner_diameter_m:zg} m)"
-            raise InputError("tube_outer_diameter_m", self.tube_outer_diameter_m, allowed)
+        self.check_growing("tube_inner_diameter_m", "tube_outer_diameter_m")
         return self
 
     def thermal_model(self, length_m: float, heater: Heater, ambient_C: float) -> Lumped:
@@ -296,9 +287,7 @@ class TwoNodeSegment(Segment):
 
     @model_validator(mode="after")
     def _two_thresholds(self) -> TwoNodeSegment:
-        if not self.solid_below_C < self.liquid_above_C:
-            allowed = f"more than solid_below_C ({self.solid_below_C:zg} C)"
-            raise InputError("liquid_above_C", self.liquid_above_C, allowed)
+        self.check_growing("solid_below_C", "liquid_above_C")
         return self
 
     def thermal_model(self, length_m: float, heater: Heater, ambient_C: float) -> TwoNode:
