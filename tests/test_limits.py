@@ -25,7 +25,7 @@ from twosra_mpc.problem.limits import (
     ShapeLimit,
     broken_by_shapes,
     interval_durations,
-    least_times,
+    least_times_and_turns,
     may_drive_in,
     most_gaps_m,
     rigid_rows,
@@ -109,7 +109,9 @@ def test_rigid_rows_forbid_no_twist_within_the_limits(
     at_most = np.array([0.05, 0.05, 1.0]) * twist
     assert np.abs(rigid_rows(drives, kappa) @ at_most).max() <= 1 + 1e-12
     motion = np.array([[0.0, 0.0, *at_most]])
-    stated = least_times(drives, np.array([[0.0, 0.0, 0.0, *kappa]]), motion, np.array([[0, 0]]))
+    stated, _ = least_times_and_turns(
+        drives, np.array([[0.0, 0.0, 0.0, *kappa]]), motion, np.array([[0, 0]])
+    )
     assert 1 - 1e-12 <= stated[0] <= 1 / math.cos(math.pi / 16) + 1e-12
 
 
@@ -148,12 +150,14 @@ def test_bending_driving_and_turning_rates_by_hand(seed: int) -> None:
     s = np.array([0, 0, 0.02 * math.cos(angle), 0.02 * math.sin(angle), turn])
     rows = kinematics(LIMITED).wheel_matrix(q[0], (0, 0)).full()[:, 2:] @ s[2:]
     least = max(0.02 / 0.05, abs(turn) / 0.3, np.abs(rows).max() / 10.0)
-    found = least_times(LIMITED, q, s[None], np.array([[0, 0]]))[0]
+    found = least_times_and_turns(LIMITED, q, s[None], np.array([[0, 0]]))[0][0]
     assert least * (1 - 1e-12) <= found <= max(least, 0.02 / 0.05 / math.cos(math.pi / 16)) + 1e-12
     bend = np.array([0.001, 0.001, 0, 0, 0])
     rates = kinematics(LIMITED).jacobian(q[0], (1, 0)).full()[3:] @ bend * 0.04
     least = max(np.abs(rates).max() / 0.5, 0.001 / 0.03)
-    assert least_times(LIMITED, q, bend[None], np.array([[1, 0]]))[0] == pytest.approx(least)
+    assert least_times_and_turns(LIMITED, q, bend[None], np.array([[1, 0]]))[0][0] == pytest.approx(
+        least
+    )
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,8 @@ _NO_LINE_M = 1e-7  # width at which a fibre without thickness is drawn
 _NO_AREA_M2 = 1e-8  # a tenth of a millimetre, squared: rounding of the drawing
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
+Margin = tuple[float, str]  # of a limit [m], and what is wrong if it is negative
+
 
 class Surroundings:
     """The obstacles of a world, asked how far configurations of a robot are from them.
@@ -294,8 +296,8 @@ def _closest(
     )
 
 
-def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """Margin of the clearance that a plan must keep [m], and what is wrong if it is negative.
+def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> Iterator[Margin]:
+    """Margins of the clearance that a plan must keep.
 
     Uncertain curvatures add to what must be kept. A start that is nearer to some obstacles keeps
     its own distance from each of them, to the accuracy of the sweep, until its first leg ends: all
@@ -303,7 +305,6 @@ def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[flo
     """
     problem = trajectory.problem
     needed = problem.clearance_m + uncertain_m(problem)
-    worst, words = np.inf, ""
     for stage, around, carried in _pairs(problem, of):
         begins = stage.first == 0 if carried is None else stage.taken
         spans = [(around, stage.first, stage.last, needed)]
@@ -311,12 +312,13 @@ def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[flo
             spans = _leaving(trajectory, sweep, stage, around, carried)
         for obstacles, first, end, asked in spans:
             found = _closest(obstacles, sweep, first, end, carried)
-            margin = found.least_m - asked
-            if abs(margin) <= DRAWN_M:
-                margin = 0.0
-            if margin < worst:
-                worst, words = margin, _too_near(problem, found, asked, asked < needed)
-    return worst, words
+            words = _too_near(problem, found, asked, asked < needed)
+            yield _settled(found.least_m - asked), words
+
+
+def _settled(margin_m: float) -> float:
+    """A margin, zero within the rounding of drawings [m]."""
+    return 0.0 if abs(margin_m) <= DRAWN_M else margin_m
 
 
 def _leaving(
@@ -345,30 +347,24 @@ def _leaving(
     return [*spans, (around, away, last, needed)] if away < last else spans
 
 
-def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """Margin of what is carried to the workspace's edges [m], and what is wrong if it leaves it."""
-    workspace, worst, words = problem.workspace, np.inf, ""
+def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> Iterator[Margin]:
+    """Margins of what is carried to the workspace's edges."""
     for stage in of:
-        if stage.held is None or workspace is None:
+        if stage.held is None or problem.workspace is None:
             continue
-        carried, edges = carrying(problem, stage.held), workspace
+        carried, edges = carrying(problem, stage.held), problem.workspace
 
         def margins(at: NDArray[np.intp], of: Carrying = carried, to: Workspace = edges) -> Array:
             found: Array = to.margin_m(of.corners_m(sweep.q[at])).min(axis=-1)
             return found
 
         found = least(margins, sweep.carried_m(carried.radius_m), stage.first, stage.last)
-        margin = 0.0 if abs(found.distance_m) <= DRAWN_M else found.distance_m
-        if margin < worst:
-            when = f"at {sweep.t_s[found.at]:z.1f} s"
-            worst = margin
-            words = f"the {carried.name} leaves the workspace by {-1e3 * margin:z.3g} mm {when}"
-    return worst, words
+        margin, when = _settled(found.distance_m), f"at {sweep.t_s[found.at]:z.1f} s"
+        yield margin, f"the {carried.name} leaves the workspace by {-1e3 * margin:z.3g} mm {when}"
 
 
-def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """Margin of the overlap allowed with what may be touched [m], and what is wrong."""
-    worst, words = np.inf, ""
+def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> Iterator[Margin]:
+    """Margins of the overlap allowed with what may be touched."""
     for stage in of:
         for item in stage.touched:
             around = touching(problem, item)
@@ -377,13 +373,10 @@ def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[f
                 return to.signed_m(sweep.q[at])
 
             found = least(signed, sweep.travelled_m, stage.first, stage.last, -OVERLAP_M)
-            left = OVERLAP_M + min(found.distance_m, 0.0)
-            left = 0.0 if abs(left) <= DRAWN_M else left
-            if left < worst:
-                deep, when = 1e3 * (OVERLAP_M - left), f"at {sweep.t_s[found.at]:z.1f} s"
-                words = f"overlaps {item.name} by {deep:z.3g} mm {when}"
-                worst, words = left, f"{words} (where it may touch it, {1e3 * OVERLAP_M:zg} mm)"
-    return worst, words
+            left = _settled(OVERLAP_M + min(found.distance_m, 0.0))
+            deep, when = 1e3 * (OVERLAP_M - left), f"at {sweep.t_s[found.at]:z.1f} s"
+            words = f"overlaps {item.name} by {deep:z.3g} mm {when}"
+            yield left, f"{words} (where it may touch it, {1e3 * OVERLAP_M:zg} mm)"
 
 
 def touching(problem: Problem, item: Obstacle) -> Surroundings:

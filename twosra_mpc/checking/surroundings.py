@@ -1,18 +1,38 @@
-"""Independent check of what a plan does around obstacles, and of the boxes it drives through."""
+"""Independent check of what a plan does around obstacles, and that its tasks are done in time."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.missions import mission_problems, rounded, times_wrong
 from twosra_mpc.checking.sweep import Clearance, Sweep, stages, swept
-from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import Carried, carried, object_poses
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE
-from twosra_mpc.problem.tolerances import ROUNDING
+from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
+from twosra_mpc.problem.tolerances import (
+    GOAL_TOLERANCE,
+    OVERLAP_M,
+    ROUNDING,
+    TIME_TOLERANCE_S,
+    TOUCHING_M,
+    UNSEEN_M,
+)
+from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.timing.transitions import own_transitions
+from twosra_mpc.validation import Pair
+
+_POINTS = 201  # along a segment that lies along something
+_COARSE_M = 2e-3  # to see whether a robot that has let go is free to leave
 
 
 class Around(NamedTuple):
@@ -52,8 +72,9 @@ def examine_around(trajectory: Trajectory) -> Around:
             WORKSPACE: clearance.within_m(problem, sweep, of),
             SOFT_TRAVEL: _soft_travel(trajectory, sweep),
         }
-    margins = {name: margin for name, (margin, _) in found.items() if margin < np.inf}
-    words = {name: text for name, (margin, text) in found.items() if margin < 0}
+    worst = {name: min(own, key=lambda m: m[0], default=None) for name, own in found.items()}
+    margins = {name: least[0] for name, least in worst.items() if least}
+    words = {name: least[1] for name, least in worst.items() if least and least[0] < 0}
     told = mission_problems if problem.is_mission else _tasks_not_done
     return Around(margins, words, tuple(told(trajectory, sweep)))
 
@@ -64,36 +85,33 @@ def closest_approach(trajectory: Trajectory) -> Clearance | None:
     Objects count where they must be kept clear of, and what is carried counts as the robot.
     """
     problem = trajectory.problem
-    if not problem.obstacles and not problem.objects:
-        return None
-    if (sweep := swept(problem, trajectory.samples)) is None:
+    around = problem.obstacles or problem.objects
+    if not around or (sweep := swept(problem, trajectory.samples)) is None:
         return None
     from twosra_mpc.checking.clearance import closest  # loads GEOS
 
     return closest(problem, sweep, stages(trajectory, sweep))
 
 
-def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
-    """Margin of ``limits.soft_travel_m`` from the end of a drive to the next one's beginning.
+def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> Iterator[tuple[float, str]]:
+    """Margins of ``limits.soft_travel_m`` from the end of a drive to the next one's beginning.
 
     Before the first drive counts, too, and after the last one.
     """
     most, samples = trajectory.problem.robot.limits.soft_travel_m, trajectory.samples
-    left, words = most, ""
+    yield most, ""
     moving = np.flatnonzero(samples.moves[:-1])
     soft = samples.mode[moving].max(axis=1, initial=0) > 0
-    for _, run in itertools.groupby(range(len(moving)), key=soft.__getitem__):
+    for bends, run in itertools.groupby(range(len(moving)), key=soft.__getitem__):
         rows = moving[list(run)]
+        if not bends:
+            continue
         begin, end = samples.t_s[rows[0]], samples.t_s[rows[-1] + 1]
         first, last = np.searchsorted(sweep.t_s, [begin, end])
         moved = float(np.linalg.norm(sweep.q[last, :2] - sweep.q[first, :2]))
-        if samples.mode[rows[0]].any() and most - moved < left:
-            left = most - moved
-            when = f"from {begin:z.1f} s to {end:z.1f} s"
-            words = (
-                f"soft, the middle link moves {moved:z.3g} m {when} (soft_travel_m = {most:zg} m)"
-            )
-    return 0.0 if abs(left) <= ROUNDING else left, words
+        when = f"from {begin:z.1f} s to {end:z.1f} s (soft_travel_m = {most:zg} m)"
+        left = 0.0 if abs(most - moved) <= ROUNDING else most - moved
+        yield left, f"soft, the middle link moves {moved:z.3g} m {when}"
 
 
 def _tasks_not_done(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
@@ -106,3 +124,276 @@ def _tasks_not_done(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
             yield f"task {number} ({named}) is not done"
             return
         since += int(inside.argmax())
+
+
+class Done(NamedTuple):
+    """The end of a task.
+
+    Attributes:
+        trajectory: The plan.
+        sweep: What it sweeps.
+        at_s: When the task is done.
+        since_s: When the one before was.
+        objects: Pose of every object then, (objects, 3).
+    """
+
+    trajectory: Trajectory
+    sweep: Sweep
+    at_s: float
+    since_s: float
+    objects: Array
+
+    @property
+    def q(self) -> Array:
+        """Configuration of the robot then, as integrated, (3 + n,)."""
+        found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
+        return found
+
+    def number(self, name: str) -> int:
+        """Number of an object, from 0."""
+        return [item.name for item in self.trajectory.problem.objects].index(name)
+
+    def thing(self, name: str) -> Obstacle:
+        """An object or obstacle, where it is then."""
+        problem = self.trajectory.problem
+        for item, pose in zip(problem.objects, self.objects, strict=True):
+            if item.name == name:
+                return item.at(pose)
+        return next(item for item in problem.obstacles if item.name == name)
+
+    def apart_m(self, name: str) -> float:
+        """Distance of the robot to a thing then [m]; negative: how deep they overlap."""
+        from twosra_mpc.checking.clearance import touching  # loads GEOS
+
+        around = touching(self.trajectory.problem, self.thing(name))
+        return float(around.signed_m(self.q[None])[0])
+
+
+def times_wrong(trajectory: Trajectory) -> Iterator[str]:
+    """Say which tasks are done before those before them, or after the end."""
+    ends = (0.0, *trajectory.done_s, trajectory.duration_s)
+    if not np.isfinite(ends).all():
+        yield "done_s has a time that is not finite"
+        return
+    for i, (before, after) in enumerate(itertools.pairwise(ends)):
+        if after < before - SAME_TIME_S:
+            late = i == len(trajectory.done_s)
+            yield f"task {i} is done after the end" if late else f"task {i + 1} is done too early"
+
+
+def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
+    """Say what is not done of a mission, and what is not held although it is carried."""
+    problem, ends = trajectory.problem, (0.0, *trajectory.done_s)
+    poses = object_poses(trajectory, np.array(trajectory.done_s))
+    spans = itertools.pairwise(ends)
+    at_start = np.array([item.pose.pose for item in problem.objects])
+    yield from _held_at_start(Done(trajectory, sweep, 0.0, 0.0, at_start))
+    for i, (task, (since_s, at_s)) in enumerate(zip(problem.tasks, spans, strict=True)):
+        done = Done(trajectory, sweep, at_s, since_s, poses[i])
+        named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:z.1f} s"
+        if task.rests and not _at_rest(trajectory, at_s):
+            yield f"{named}: the robot moves"
+        yield from (f"{named}: {text}" for text in _not_done(task.stage(problem.modes), done))
+    for held in carried(trajectory):
+        yield from _let_go(trajectory, held)
+
+
+def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
+    moving = (p for p in trajectory.phases if p.start_s + SAME_TIME_S < at_s)
+    return not any(at_s < phase.end_s - SAME_TIME_S for phase in moving)
+
+
+Course = list[tuple[float, float, int | None]]  # since when, until when, and what it is then
+
+
+def course(trajectory: Trajectory, segment: int) -> Course:
+    """Stiffness of a segment (from 0) over time: 1 soft, 0 rigid, None while it changes."""
+    found, since, now = Course(), -math.inf, trajectory.problem.start_mode[segment]
+    for item in own_transitions(trajectory.transitions, segment):
+        found += [(since, item.onset_s, now), (item.onset_s, item.done_s, None)]
+        since, now = item.done_s, int(item.to == "soft")
+    return [*found, (since, math.inf, now)]
+
+
+def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
+    """Stiffness of each segment at a time; what changes within the tolerance has changed."""
+    found = list[int | None]()
+    for j in range(len(trajectory.problem.start_mode)):
+        for since, _, now in course(trajectory, j):
+            if since <= at_s + (-TIME_TOLERANCE_S if now is None else TIME_TOLERANCE_S):
+                last = now
+        found.append(last)
+    return tuple(found)
+
+
+def rounded(task: Pass) -> Pass:
+    """The box, wider by rounding."""
+
+    def wider(pair: Pair | None) -> Pair | None:
+        return None if pair is None else (pair[0] - ROUNDING, pair[1] + ROUNDING)
+
+    return Pass(x_m=wider(task.x_m), y_m=wider(task.y_m), phi_rad=wider(task.phi_rad))
+
+
+def _heading(asked: Pair, done: Done) -> Iterator[str]:
+    """B0 heads into an interval, full turns aside."""
+    beyond = np.mod(done.q[2] - asked[0] + GOAL_TOLERANCE, math.tau)
+    if beyond > asked[1] - asked[0] + 2 * GOAL_TOLERANCE:
+        heading = round(float(done.q[2]), 3)
+        yield f"b0 heads to {heading:zg} rad, not within {asked[0]:zg} to {asked[1]:zg} rad"
+
+
+def _held_at_start(done: Done) -> Iterator[str]:
+    """Objects held at the start must be caged, or touched and held by friction while pushed.
+
+    Not asked where it is let go at once.
+    """
+    problem = done.trajectory.problem
+    if problem.start.holding is None or carried(done.trajectory)[0].to_s <= SAME_TIME_S:
+        return
+    number = done.number(problem.start.holding)
+    thing, apart = problem.objects[number], done.apart_m(problem.start.holding)
+    named = f"start.holding: {thing.name} is not held"
+    if apart < -OVERLAP_M - GOAL_TOLERANCE:
+        yield f"{named}: the robot overlaps it by {-1e3 * apart:z.3g} mm"
+    elif _caged(number, done, apart):
+        return
+    elif apart > TOUCHING_M + GOAL_TOLERANCE:
+        yield f"{named}: it is {1e3 * apart:z.3g} mm from touching, and no cage is proved"
+    elif thing.friction is None:
+        yield f"{named}: no cage is proved, and it has no friction to be pushed by"
+    else:
+        yield from _pushed(number, done)
+
+
+def _caged(number: int, done: Done, apart: float) -> bool:
+    """True if it is proved that an object cannot leave the robot."""
+    from twosra_mpc.checking.holds import cage_proved
+
+    problem = done.trajectory.problem
+    where = problem.objects[number], done.objects[number], done.q
+    return cage_proved(problem.robot.geometry, *where, max(-apart, 0.0))
+
+
+def _pushed(number: int, done: Done) -> Iterator[str]:
+    """Friction holds an object through every drive from its grasp to its release."""
+    from twosra_mpc.checking.holds import pushes
+
+    problem, samples = done.trajectory.problem, done.trajectory.samples
+    held = next(c for c in carried(done.trajectory) if c.object == number and c.from_s == done.at_s)
+    rows = (samples.t_s[:-1] >= held.from_s - SAME_TIME_S) & (samples.t_s[:-1] < held.to_s)
+    twists = (samples.v[:-1] + samples.a[:-1] * np.diff(samples.t_s)[:, None] / 2)[:, 2:]
+    thing = problem.objects[number]
+    kept = pushes(problem.robot.geometry, thing, held.pose_in_b0, done.q, twists)
+    wrong = rows & samples.moves[:-1] & ~kept
+    if wrong.any():
+        when = samples.t_s[:-1][wrong][0]
+        yield f"{thing.name} is pushed where friction does not hold it at {when:z.1f} s"
+
+
+def _not_done(stage: Stage, at: Done) -> Iterator[str]:
+    """Shortcomings at the end of a stage, in words."""
+    if at.at_s - at.since_s < stage.least_s - TIME_TOLERANCE_S:
+        yield f"it lasts {at.at_s - at.since_s:z.3g} s, not {stage.least_s:zg} s"
+    if stage.last is not None and stiffness(at.trajectory, at.at_s) != stage.last:
+        yield f"the segments are not {mode_name(stage.last)}"
+    if stage.through is not None:
+        yield from _passed(stage.through, at)
+    if stage.goal is not None:
+        yield from _reached(stage.goal, at)
+    if stage.along is not None:
+        yield from _conformed(stage.along, at)
+    if stage.grasps is not None:
+        yield from _grasped(stage.grasps, at)
+    if stage.carries is not None:
+        yield from _carried(stage.carries, at)
+    if stage.releases is not None:
+        yield from _released(stage.releases, at)
+
+
+def _passed(task: Pass, at: Done) -> Iterator[str]:
+    """B0 enters the box."""
+    first, last = at.sweep.over(at.since_s, at.at_s)
+    if not rounded(task).met(at.sweep.q[first : last + 1, :POSE]).any():
+        yield "is not done: its box is not entered"
+
+
+def _reached(goal: GoalSet, at: Done) -> Iterator[str]:
+    """The robot is in the goal set."""
+    coordinates = at.trajectory.problem.robot.coordinates
+    errors = goal.error(at.q.copy())
+    for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
+        if not abs(error) <= GOAL_TOLERANCE:
+            yield f"its goal's {name} is missed by {error:z.3g} {unit}"
+
+
+def _conformed(task: Conform, at: Done) -> Iterator[str]:
+    """Segments lie along the thing, at its surface."""
+    from twosra_mpc.checking.clearance import depths_m  # loads GEOS
+
+    yield from _heading(task.directions_rad, at)
+    geometry = at.trajectory.problem.robot.geometry
+    lines = robot_shape(geometry, at.q, _POINTS).segments
+    for number in task.segments:
+        gaps = -depths_m(at.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
+        least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
+        if most > 1e3 * (task.gap_m + GOAL_TOLERANCE):
+            asked = f"more than gap_m = {1e3 * task.gap_m:zg} mm"
+            yield f"segment {number} is up to {most:z.3g} mm away from {task.object}, {asked}"
+        if least < -1e3 * (OVERLAP_M + GOAL_TOLERANCE):
+            yield f"segment {number} overlaps {task.object} by {-least:z.3g} mm"
+
+
+def _grasped(task: Grasp, at: Done) -> Iterator[str]:
+    """The rigid robot touches the object, and holds it as asked."""
+    yield from _heading(task.directions_rad, at)
+    apart = at.apart_m(task.object)
+    if not -OVERLAP_M - GOAL_TOLERANCE <= apart <= TOUCHING_M + GOAL_TOLERANCE:
+        state = f"{1e3 * abs(apart):z.3g} mm {'away from' if apart > 0 else 'within'}"
+        yield f"the robot is {state} {task.object}, it does not touch it"
+        return
+    number = at.number(task.object)
+    if task.hold == "pushed":
+        yield from _pushed(number, at)
+    elif not _caged(number, at, apart):
+        yield f"it is not proved that {task.object} cannot leave"
+
+
+def _carried(task: Carry, at: Done) -> Iterator[str]:
+    """The object is where it is to be."""
+    x, y, phi = at.objects[at.number(task.object)].tolist()
+    away = math.hypot(x - task.x_m, y - task.y_m)
+    if away > task.position_tolerance_m + GOAL_TOLERANCE:
+        yield f"{task.object} is {1e3 * away:z.3g} mm from where it should be"
+    if task.phi_rad is None:
+        return
+    turned = abs(math.remainder(phi - task.phi_rad, math.tau))
+    if turned > task.heading_tolerance_rad + GOAL_TOLERANCE:
+        yield f"{task.object} is turned by {turned:z.3g} rad from where it should be"
+
+
+def _released(task: Release, at: Done) -> Iterator[str]:
+    """The robot is clear of the object, and free to leave."""
+    from twosra_mpc.checking.holds import cage_proved
+
+    problem, apart = at.trajectory.problem, at.apart_m(task.object)
+    if apart < problem.clearance_m - UNSEEN_M:
+        asked = f"clearance_m = {1e3 * problem.clearance_m:zg} mm"
+        yield f"the robot is {1e3 * apart:z.3g} mm from {task.object} ({asked})"
+        return
+    number = at.number(task.object)
+    geometry, thing = problem.robot.geometry, problem.objects[number]
+    if cage_proved(geometry, thing, at.objects[number], at.q, 0.0, finest_m=_COARSE_M):
+        yield f"the robot cannot leave: {task.object} is within it"
+
+
+def _let_go(trajectory: Trajectory, held: Carried) -> Iterator[str]:
+    """Say when a segment is not rigid although the robot holds something."""
+    name = trajectory.problem.objects[held.object].name
+    begin, end = held.from_s + TIME_TOLERANCE_S, held.to_s - TIME_TOLERANCE_S
+    for j in range(len(trajectory.problem.start_mode)):
+        for since, until, now in course(trajectory, j):
+            if now != 0 and since < end and until > begin:
+                when = max(since, held.from_s)
+                yield f"segment {j + 1} is not rigid at {when:z.1f} s, while {name} is held"
+                break

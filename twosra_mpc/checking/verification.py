@@ -15,7 +15,7 @@ import numpy as np
 
 from twosra_mpc.checking.heat import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
-from twosra_mpc.checking.surroundings import examine_around
+from twosra_mpc.checking.surroundings import course, examine_around
 from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Verification
@@ -308,12 +308,13 @@ def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:
         yield "the last sample still moves"
         return
     begin, end = samples.t_s[moving], samples.t_s[moving + 1]
-    for j, start in enumerate(trajectory.problem.start_mode):
-        soft = np.full(len(moving), start)
-        for item in own_transitions(trajectory.transitions, j):
-            done = begin >= item.done_s - TIME_TOLERANCE_S
-            soft[done] = item.to == "soft"
-            clash = ~done & (end > item.onset_s + TIME_TOLERANCE_S)
+    for j in range(len(trajectory.problem.start_mode)):
+        soft = np.zeros(len(moving), dtype=int)
+        for since, until, now in course(trajectory, j):
+            if now is not None:
+                soft[begin >= since - TIME_TOLERANCE_S] = now
+                continue
+            clash = (begin < until - TIME_TOLERANCE_S) & (end > since + TIME_TOLERANCE_S)
             if clash.any():
                 when = f"{begin[clash][0]:z.3f} s"
                 yield f"the robot moves at {when} while segment {j + 1} is changing"
@@ -335,11 +336,10 @@ def _resting_modes(trajectory: Trajectory) -> Iterator[str]:
     samples = trajectory.samples
     just_after = samples.t_s + 2 * TIME_TOLERANCE_S
     lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
-    for j, start in enumerate(trajectory.problem.start_mode):
-        soft = np.full(len(samples), start)
-        for item in own_transitions(trajectory.transitions, j):
-            since = item.done_s if item.to == "soft" else item.onset_s
-            soft[just_after >= since] = item.to == "soft"
+    for j in range(len(trajectory.problem.start_mode)):
+        soft = np.zeros(len(samples), dtype=bool)
+        for since, _, now in course(trajectory, j):
+            soft[just_after >= since] = now == 1
         wrong = (samples.mode[:, j] != soft) & ~samples.moves & lasting
         if wrong.any():
             when, said = samples.t_s[wrong][0], "soft" if soft[wrong][0] == 0 else "rigid"

@@ -364,15 +364,13 @@ def _shares(body: Body, s: ca.SX, moved: ca.SX, turned: ca.SX) -> list[ca.SX]:
     return [ca.densify(each.travel(body, s, moved, turned) / each.most(body)) for each in limits]
 
 
-def least_times(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
-    """Least time of input displacements within the speed limits, row by row at q, (m,) [s]."""
-    return least_times_and_turns(robot, q, s, mode)[0]
-
-
 def least_times_and_turns(
     robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Least times as of ``least_times``, and how far each wheel turns, (m, 4) [rad]."""
+    """Least times of input displacements within the speed limits, row by row at q, (m,) [s].
+
+    And how far each wheel turns, (m, 4) [rad].
+    """
     signed = by_rows(speed_function(robot), q, s, mode)
     turns = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
     return np.abs(np.hstack(signed)).max(axis=1), turns
@@ -391,8 +389,9 @@ def interval_durations(motion: Motion) -> Array:
     modes = np.repeat(np.array(motion.sequence), intervals, axis=0)
     places = (before, (before + after) / 2, after)
     given = np.concatenate(places), np.tile(s, (3, 1)), np.tile(modes, (3, 1))
-    times: Array = least_times(motion.robot, *given).reshape(3, phases, intervals).max(axis=0)
-    return times
+    times, _ = least_times_and_turns(motion.robot, *given)
+    longest: Array = times.reshape(3, phases, intervals).max(axis=0)
+    return longest
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:

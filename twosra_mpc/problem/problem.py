@@ -223,12 +223,12 @@ class Problem(Value):
         lists: dict[str, Sequence[object] | None] = {
             "start.kappa_per_m": self.start.kappa_per_m,
             "start.temperature_C": self.start.temperature_C,
-            "goal.kappa_per_m": tuple(self.goal.configuration[POSE:].tolist()),
-            "goal.tolerance.kappa_per_m": tuple(self.goal.half_width[POSE:].tolist()),
             "goal.mode": self.goal.mode,
-            **self._lists_of_tasks(),
-            **{f"modes.{i}": mode for i, mode in enumerate(self.modes)},
         }
+        for where, goal in self._goals().items():
+            lists[f"{where}.kappa_per_m"] = tuple(goal.configuration[POSE:].tolist())
+            lists[f"{where}.tolerance.kappa_per_m"] = tuple(goal.half_width[POSE:].tolist())
+        lists |= {f"modes.{i}": mode for i, mode in enumerate(self.modes)}
         for field, given in lists.items():
             if given is not None and len(given) > count:
                 yield InputError(field, given, allowed)
@@ -237,21 +237,14 @@ class Problem(Value):
                     InputError(f"{field}.{j}", MISSING, f"a value for segment {j + 1} is required")
                     for j in range(len(given), count)
                 )
-        if self.heaters_at_once not in (
-            1,
-            count,
-        ):  # what between them is possible is not worked out
+        if self.heaters_at_once not in (1, count):  # what is possible in between is not worked out
             yield InputError("heaters_at_once", self.heaters_at_once, f"1 or {count}")
 
-    def _lists_of_tasks(self) -> dict[str, tuple[object, ...]]:
-        """Lists that goals on the way have."""
-        found: dict[str, tuple[object, ...]] = {}
-        for i, task in enumerate(self.tasks):
-            if (goal := task.ends_in) is not None:
-                where = f"tasks.{i}"
-                found[f"{where}.kappa_per_m"] = tuple(goal.configuration[POSE:].tolist())
-                found[f"{where}.tolerance.kappa_per_m"] = tuple(goal.half_width[POSE:].tolist())
-        return found
+    def _goals(self) -> dict[str, GoalSet]:
+        """The goal, and goals on the way, by their keys."""
+        on_the_way = {f"tasks.{i}": task.ends_in for i, task in enumerate(self.tasks)}
+        found = {where: goal for where, goal in on_the_way.items() if goal is not None}
+        return {"goal": self.goal, **found}
 
     def _contradictions(self) -> Iterator[InputError]:
         """Yield every value that the robot does not allow."""
@@ -262,9 +255,8 @@ class Problem(Value):
             hint = near_word(self.timing, robot.timing)
             yield InputError("timing", self.timing, allowed, hint=hint)
         limit = robot.limits.curvature_per_m
-        ends = [("start", self.start.configuration), ("goal", self.goal.configuration)]
-        on_the_way = [(f"tasks.{i}", task.ends_in) for i, task in enumerate(self.tasks)]
-        ends += [(where, goal.configuration) for where, goal in on_the_way if goal is not None]
+        ends = [("start", self.start.configuration)]
+        ends += [(where, goal.configuration) for where, goal in self._goals().items()]
         for j in range(robot.coordinates.segments):
             for where, q in ends:
                 if abs(q[3 + j]) > limit + CURVATURE_TOLERANCE_PER_M:

@@ -162,17 +162,13 @@ class World(Value):
     curvature_uncertainty_per_m: NonNegative = 0.0
 
     @model_validator(mode="after")
-    def _not_too_many(self) -> Self:
+    def _few_with_names_of_their_own(self) -> Self:
         if len(self.obstacles) > MOST_OBSTACLES:
             allowed = (
                 f"at most {MOST_OBSTACLES:,} obstacles: join those that touch, for example by"
                 " shapely's union_all, or leave out what is out of reach"
             )
             raise InputError("obstacles", len(self.obstacles), allowed)
-        return self
-
-    @model_validator(mode="after")
-    def _each_name_once(self) -> Self:
         found = list(names_twice([item.name for item in self.obstacles]))
         if found:
             raise found[0].among(found[1:])
