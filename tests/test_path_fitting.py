@@ -21,6 +21,7 @@ from twosra_mpc.lab.figures.path_figure import (
     held_pose,
     path_curves,
     plot_paths,
+    spiral_points,
 )
 from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
@@ -370,8 +371,10 @@ def test_curves_lie_where_the_fits_say(geometry: Geometry) -> None:
 
 def test_spirals_hold_their_equation() -> None:
     fit = SpiralFit(2.0, 0.1, (0.3, -0.2), 0.0, 0.0, np.pi)
-    assert fit.points(0.0) == pytest.approx((0.3 - 2 * np.exp(-0.1 * np.pi), -0.2))
-    assert fit.points([np.pi / 2])[0] == pytest.approx((0.3, 2 * np.exp(-0.15 * np.pi) - 0.2))
+    assert spiral_points(fit, 0.0) == pytest.approx((0.3 - 2 * np.exp(-0.1 * np.pi), -0.2))
+    assert spiral_points(fit, [np.pi / 2])[0] == pytest.approx(
+        (0.3, 2 * np.exp(-0.15 * np.pi) - 0.2)
+    )
     assert fit.scale_from_pi == fit.scale
 
 

@@ -14,9 +14,9 @@ from twosra_mpc.execution import RobotError, SimulatedRobot
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.rolling import rigid_wheel_speeds
 from twosra_mpc.physics.engine import Engine
 from twosra_mpc.physics.mjcf import mjcf
+from twosra_mpc.problem.limits import drive_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.physics import Physics
@@ -120,7 +120,7 @@ def test_the_chain_of_hinges_becomes_the_arcs() -> None:
 def test_solid_it_drives_as_planned_and_soft_it_bends_and_freezes_as_it_is() -> None:
     task = problem(20.0, -10.0)
     twist, engine = np.array([0.02, -0.01, 0.05]), engine_of(task, 0.0, 0.0)
-    q = seconds(engine, 2.0, rigid_wheel_speeds(task.robot, engine.q, twist), 0.0, 0.0)
+    q = seconds(engine, 2.0, drive_rows(task.robot, engine.q[3:])[1] @ twist, 0.0, 0.0)
     assert q[2] - 0.3 == pytest.approx(0.1, rel=0.05)
     assert np.hypot(*(q[:2] - [0.1, 0.2])) == pytest.approx(2 * np.hypot(0.02, 0.01), rel=0.05)
     assert q[POSE:] == pytest.approx([20.0, -10.0], abs=0.3)
@@ -143,7 +143,7 @@ def test_walls_stop_it_and_objects_are_pushed() -> None:
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}  # to x = 145 mm
     wall = {"name": "wall", "box": {"x_m": [0.16, 0.20], "y_m": [-0.2, 0.2]}}
     stopped = engine_of(load_problem("paper-2", start=start, obstacles=[wall]), 0.0, 0.0)
-    forward = rigid_wheel_speeds(load_robot("2sra-v1"), stopped.q, np.array([0.02, 0.0, 0.0]))
+    forward = drive_rows(load_robot("2sra-v1"), stopped.q[3:])[1] @ [0.02, 0.0, 0.0]
     assert seconds(stopped, 2.0, forward, 0.0, 0.0)[0] == pytest.approx(0.015, abs=1e-3)
     cup = {"name": "cup", "disc": {"radius_m": 0.02}, "pose": {"x_m": 0.18, "y_m": 0.0}}
     pushing = engine_of(load_problem("paper-2", start=start, objects=[cup]), 0.0, 0.0)

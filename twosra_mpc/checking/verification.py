@@ -203,9 +203,7 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     most = problem.robot.limits.wheel_acceleration_rad_s2
     if most is None:
         return
-    after, before = samples.wheel_rad_s, np.zeros_like(samples.wheel_rad_s)
-    before[moving.rows] = moving.wheel_rad_s[2]  # before the next sample
-    before = before[:-1]
+    after, before = samples.wheel_rad_s, trajectory.wheel_rad_s_before
     jump = np.abs(after[1:] - before).max(axis=1)
     if jump.sum() > JUMP_TOLERANCE * problem.robot.limits.wheel_speed_rad_s:  # many small ones, too
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()

@@ -206,12 +206,10 @@ class TouchSet:
 
     Attributes:
         touches: At most one for each place around the outline and each side of the robot.
-        turns_freely: Whether the thing is a disc: a touch may be turned about its centre.
         refused: Why other places have none -> how many.
     """
 
     touches: tuple[Touch, ...]
-    turns_freely: bool
     refused: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -252,7 +250,7 @@ def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
         slack = np.zeros(geometry.segments)
         kept = np.flatnonzero(reasons == "")
         found += [Touch(q[i], slack, float(wraps[i]), side) for i in kept]
-    return TouchSet(_ordered(found), contour.is_disc, dict(refused))
+    return TouchSet(_ordered(found), dict(refused))
 
 
 def conform_touches(
@@ -300,7 +298,7 @@ def conform_touches(
             slack[own] = 2 * np.clip(gap_m - gaps[:, i], 0.0, gap_m) / lengths[own] ** 2
             turn = float(np.abs(q[i, [POSE + j for j in own]] @ lengths[own]))
             found.append(Touch(q[i], slack, turn, side))
-    return TouchSet(_ordered(found), contour.is_disc, dict(refused))
+    return TouchSet(_ordered(found), dict(refused))
 
 
 def _chains(geometry: Geometry) -> list[tuple[int, ...]]:

@@ -106,16 +106,3 @@ def _unit_middle(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
     out_m, aside_m = geometry.unit_middle_m
     middle_m = ca.DM([(-1, 1)[unit] * out_m, aside_m])
     return placed(fibre_end_pose(geometry, q, unit), middle_m)
-
-
-def rigid_wheel_speeds(body: Body, q: Array, twist: Array) -> Array:
-    """Wheel speeds (4,) [rad/s] of a robot of shape q (3 + n,), all solid, that moves so.
-
-    Args:
-        body: The robot.
-        q: Its configuration.
-        twist: Speed along x and y of b0 and turning rate, (3,) [m/s, m/s, rad/s].
-    """
-    matrix = kinematics(body).wheel_matrix(q, np.zeros(body.geometry.segments)).full()
-    speeds: Array = matrix[:, 2:] @ twist
-    return speeds

@@ -5,7 +5,6 @@ Logs do not repeat themselves: `changed` tells the rows that say something new.
 
 from __future__ import annotations
 
-import csv
 import io
 from pathlib import Path
 
@@ -69,9 +68,14 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
         NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    names, table = rows(plan.require().trajectory.held(rate_Hz))
-    text, formats = io.StringIO(), ["%d" if name.startswith("mode") else "%s" for name in names]
-    np.savetxt(text, table + 0.0, formats, delimiter=",", header=",".join(names), comments="")
+    _write(path, columns(plan.require().trajectory.held(rate_Hz)))
+
+
+def _write(path: str | Path, named: dict[str, Array]) -> None:
+    """Write columns under their names; modes are whole numbers."""
+    formats = ["%d" if column.dtype.kind == "i" else "%s" for column in named.values()]
+    text, table = io.StringIO(), np.column_stack(list(named.values())) + 0.0
+    np.savetxt(text, table, formats, delimiter=",", header=",".join(named), comments="")
     write_text(path, text.getvalue())
 
 
@@ -92,13 +96,7 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
         InputError: If the rate or the path is not acceptable.
     """
     samples = plan.require().trajectory.held(rate_Hz)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    numbers = range(1, plan.robot.geometry.segments + 1)
-    curvatures, modes = ([f"{letter}{j}" for j in numbers] for letter in "ks")
-    inputs = ("v1", "v2", "u0", "v0", "r0")
-    writer.writerow(["x", "y", "angle", *curvatures, *inputs, *modes, "time"])
-    columns = (samples.q + 0.0, samples.v + 0.0, samples.mode, samples.t_s)
-    for q, v, mode, time_s in zip(*(column.tolist() for column in columns), strict=True):
-        writer.writerow((*q, *v, *mode, time_s))
-    write_text(path, text.getvalue())
+    named = dict(zip(("x", "y", "angle"), samples.q.T, strict=False))
+    named |= _numbered("k{}", samples.q[:, POSE:])
+    named |= dict(zip(("v1", "v2", "u0", "v0", "r0"), samples.v.T, strict=True))
+    _write(path, {**named, **_numbered("s{}", samples.mode), "time": samples.t_s})

@@ -208,9 +208,9 @@ class Trajectory(ArrayValue):
     @property
     def wheel_rad_s_before(self) -> Array:
         """Wheel speeds just before each sample but the first, (rows - 1, 4) [rad/s]."""
-        held, at = self.samples, np.arange(len(self.samples) - 1)
-        v = self._input(at, np.diff(held.t_s))
-        return wheel_speeds(self.problem.robot, held.q[1:], v, held.mode[:-1])
+        speeds = np.zeros_like(self.samples.wheel_rad_s)
+        speeds[self.driven.rows] = self.driven.wheel_rad_s[2]
+        return speeds[:-1]
 
     @cached_property
     def driven(self) -> Driven:

@@ -83,12 +83,6 @@ class SpiralFit:
         """Scale of the same spiral with theta = pi when straight, as eq. kappa has it."""
         return float(self.scale * np.exp(self.growth * (np.pi - self.start_rad)))
 
-    def points(self, turn_rad: ArrayLike) -> Array:
-        """Points of the spiral / l at turns (n,) about its centre, shape (n, 2)."""
-        turn = np.asarray(turn_rad, dtype=float)
-        radius = self.scale * np.exp(-self.growth * (self.start_rad + turn))
-        return _cartesian(radius, turn, self.centre)
-
 
 @dataclass(frozen=True)
 class CardioidFit:
@@ -107,11 +101,6 @@ class CardioidFit:
     centre_m: tuple[float, float]
     rms_m: float
     max_m: float
-
-    def points(self, alpha: ArrayLike) -> Array:
-        """Points of the cardioid [m] at bending angles (n,) [rad], shape (n, 2)."""
-        phi = np.pi + self.phi_per_alpha * np.asarray(alpha, dtype=float)
-        return _cartesian(2 * self.radius_m * (1 - np.cos(phi)), phi - np.pi, self.centre_m)
 
 
 def exact_path(case: Case, geometry: Geometry, alpha: ArrayLike) -> Array:
@@ -283,11 +272,6 @@ def polar(points: Array, x: float, y: float) -> tuple[Array, Array]:
     """Distance from (x, y) and turn about it, continuous along the points (n, 2)."""
     across, up = (points - (x, y)).T
     return np.hypot(across, up), np.unwrap(np.arctan2(up, -across))
-
-
-def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:
-    """Points (n, 2) at distances and turns (n,) about a centre."""
-    return np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre
 
 
 def _rms(residual: Array) -> float:

@@ -69,7 +69,8 @@ class Thing:
 
 def _centroid(shape: shapely.Geometry) -> Array:
     """Centroid, (2,) [m]."""
-    return shapely.get_coordinates(shapely.centroid(shape))[0]
+    at: Array = shapely.get_coordinates(shapely.centroid(shape))[0]
+    return at
 
 
 def _sides(corners: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from twosra_mpc.execution.robot_interface import Reading, RobotError
 from twosra_mpc.execution.serial.port import Clock, Port
 from twosra_mpc.execution.serial.robot import RATE_HZ, connected
 from twosra_mpc.execution.settings import Patience
-from twosra_mpc.model.rolling import rigid_wheel_speeds
+from twosra_mpc.problem.limits import drive_rows
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -52,7 +52,7 @@ def wheels_of_twist(robot: Robot, twist: tuple[float, float, float]) -> Array:
     speed = float(np.hypot(along, across))
     _check("speed", speed, limits.speed_m_s, "speed_m_s", "m/s")
     _check("turn", abs(turn), limits.turn_rate_rad_s, "turn_rate_rad_s", "rad/s")
-    wheels = rigid_wheel_speeds(robot.body, np.zeros(robot.coordinates.size), np.array(twist))
+    wheels: Array = drive_rows(robot, np.zeros(robot.coordinates.segments))[1] @ np.array(twist)
     check_wheels(robot, wheels)
     return wheels
 

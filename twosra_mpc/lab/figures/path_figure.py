@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
@@ -114,8 +115,8 @@ def path_curves(
     for case, spiral, cardioid in fits:
         bends = np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points)
         exact = exact_path(case, geometry, bends) / length
-        drawn = spiral.points(polar(exact, *spiral.centre)[1])
-        successor = cardioid.points(np.linspace(0.0, alpha_max, points)) / length
+        drawn = spiral_points(spiral, polar(exact, *spiral.centre)[1])
+        successor = cardioid_points(cardioid, np.linspace(0.0, alpha_max, points)) / length
         curves.append(PathCurves(case, exact, drawn, successor, spiral, cardioid))
     one, two, three = curves
     return one, two, three
@@ -210,3 +211,22 @@ def _legend(figure: Figure, alpha_max: float) -> None:
     colours = [CURVES[name]["c"] for name in ("logarithmic spiral", "cardioid")]
     centres = tuple(Line2D([], [], **CENTRE, mec=colour) for colour in colours)
     plane.legend_below(figure, {**entries, "centre of spiral, cusp of cardioid": centres}, 4)
+
+
+def spiral_points(fit: SpiralFit, turn_rad: ArrayLike) -> Array:
+    """Points of a spiral / l at turns (n,) about its centre, shape (n, 2)."""
+    turn = np.asarray(turn_rad, dtype=float)
+    radius = fit.scale * np.exp(-fit.growth * (fit.start_rad + turn))
+    return _cartesian(radius, turn, fit.centre)
+
+
+def cardioid_points(fit: CardioidFit, alpha: ArrayLike) -> Array:
+    """Points of a cardioid [m] at bending angles (n,) [rad], shape (n, 2)."""
+    turn = fit.phi_per_alpha * np.asarray(alpha, dtype=float)
+    return _cartesian(2 * fit.radius_m * (1 + np.cos(turn)), turn, fit.centre_m)
+
+
+def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:
+    """Points (n, 2) at distances and turns (n,) about a centre."""
+    points: Array = np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre
+    return points
