@@ -152,13 +152,8 @@ class Carrying:
 
 def fine_corners_m(item: Obstacle) -> Array:
     """Corners of a polygon that holds an obstacle, (m, 2); a disc's stray by 0.01 % of it."""
-    if item.disc is None:
-        return item.corners_m
-    angles = np.arange(_FINE_SIDES) * math.tau / _FINE_SIDES
-    radius = item.disc.radius_m / math.cos(math.pi / _FINE_SIDES)
-    return np.array([item.disc.x_m, item.disc.y_m]) + radius * np.column_stack(
-        [np.cos(angles), np.sin(angles)]
-    )
+    disc = item.disc
+    return item.corners_m if disc is None else disc.polygon(_FINE_SIDES, holds=True)
 
 
 def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:

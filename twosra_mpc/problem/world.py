@@ -98,10 +98,11 @@ class Disc(Value):
     y_m: Metres
     radius_m: Positive
 
-    def polygon(self, scale: float) -> Array:
-        """A regular polygon whose corners are at ``scale`` times the radius, (16, 2)."""
-        angles = (np.arange(_SIDES) + 0.5) * math.tau / _SIDES
-        corners = self.radius_m * scale * np.column_stack([np.cos(angles), np.sin(angles)])
+    def polygon(self, sides: int = _SIDES, *, holds: bool) -> Array:
+        """A regular polygon that holds it, or is within it, counter-clockwise, (sides, 2)."""
+        angles = (np.arange(sides) + 0.5) * math.tau / sides
+        radius_m = self.radius_m / (math.cos(math.pi / sides) if holds else 1.0)
+        corners = radius_m * np.column_stack([np.cos(angles), np.sin(angles)])
         return np.array([self.x_m, self.y_m]) + corners
 
 
@@ -129,14 +130,12 @@ class Obstacle(Value):
     @property
     def corners_m(self) -> Array:
         """Corners of a polygon that holds it, counter-clockwise, (m, 2); a disc's has 16."""
-        if self.disc is not None:
-            return self.disc.polygon(1 / math.cos(math.pi / _SIDES))
-        return self._exact
+        return self.disc.polygon(holds=True) if self.disc is not None else self._exact
 
     @property
     def inner_corners_m(self) -> Array:
         """Corners of a polygon within it, counter-clockwise, (m, 2)."""
-        return self.disc.polygon(1.0) if self.disc is not None else self._exact
+        return self.disc.polygon(holds=False) if self.disc is not None else self._exact
 
     @property
     def _exact(self) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from twosra_mpc.problem.world import Obstacle
@@ -40,10 +38,8 @@ def eroded(thing: Obstacle, by_m: float) -> tuple[Obstacle, ...]:
     if (disc := thing.disc) is not None:
         if (left := disc.radius_m - by_m) <= 0:
             return ()
-        angles = (np.arange(_SIDES) + 0.5) * math.tau / _SIDES
-        corners = np.column_stack([np.cos(angles), np.sin(angles)]) * left / math.cos(angles[0])
-        placed = corners + np.array([disc.x_m, disc.y_m])
-        return (Obstacle(name=thing.name, polygon_m=tuple(map(tuple, placed.tolist()))),)
+        corners = disc.with_values(radius_m=left).polygon(_SIDES, holds=True)
+        return (Obstacle(name=thing.name, polygon_m=tuple(map(tuple, corners.tolist()))),)
     import shapely  # a disc needs none
 
     rest = shapely.buffer(shapely.Polygon(thing.corners_m), -by_m, join_style="mitre")
