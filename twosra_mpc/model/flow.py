@@ -167,11 +167,11 @@ def drive(q: Array, s: Array) -> Array:
 
 
 def screws(headings: Array, s: Array) -> Array:
-    """Changes of pose by rigid input displacements (m, 3) from these headings, (m, 3)."""
-    half = s[:, 2] / 2
-    chord, angle = np.sinc(half / np.pi), headings + half
+    """Changes of pose by rigid input displacements (..., 3) from these headings, (..., 3)."""
+    u, v, turn = np.moveaxis(s, -1, 0)
+    chord, angle = np.sinc(turn / (2 * np.pi)), headings + turn / 2
     c, sine = chord * np.cos(angle), chord * np.sin(angle)
-    return np.column_stack([c * s[:, 0] - sine * s[:, 1], sine * s[:, 0] + c * s[:, 1], s[:, 2]])
+    return np.stack([c * u - sine * v, sine * u + c * v, turn], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,14 +21,18 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.footprint import SAGITTA_M, Footprint, footprint, kept_m
 from twosra_mpc.space.screws import (
+    Bools,
+    Proof,
+    by_one_pose,
     clear_legs,
     continued,
+    improved,
+    shortest,
     times_at_speed_s,
     times_from_rest_s,
     twists,
 )
 from twosra_mpc.space.separation import Separation
-from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
 
 if TYPE_CHECKING:  # they import shapely
     from twosra_mpc.space.roadmap import Field, Roadmap
