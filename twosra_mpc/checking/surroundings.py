@@ -9,18 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.sweep import Clearance, Sweep, stages, swept
+from twosra_mpc.checking.sweep import Clearance, Sweep, course, least, stages, stiffness, swept
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE
+from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE, workspace_margins
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
 from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
     OVERLAP_M,
     ROUNDING,
+    ROUNDING_M,
     TIME_TOLERANCE_S,
     TOUCHING_M,
     UNSEEN_M,
@@ -28,7 +30,6 @@ from twosra_mpc.problem.tolerances import (
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.timing.transitions import own_transitions
 from twosra_mpc.validation import Pair
 
 _POINTS = 201  # along a segment that lies along something
@@ -53,15 +54,16 @@ def examine_around(trajectory: Trajectory) -> Around:
     """Check the clearance to obstacles, the travel while soft, and the tasks before the goal."""
     problem = trajectory.problem
     in_the_way = bool(problem.obstacles or problem.objects)
-    if not in_the_way and not problem.tasks:
+    if not in_the_way and not problem.tasks and problem.workspace is None:
         return Around({}, {}, ())
     sweep = swept(problem, trajectory.samples)
     if sweep is None:  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
-        return Around({CLEARANCE: -1.0} if in_the_way else {}, {CLEARANCE: lost}, ())
+        where = CLEARANCE if in_the_way else WORKSPACE
+        return Around({where: -1.0}, {where: lost}, ())
     if wrong := tuple(times_wrong(trajectory)):
         return Around({}, {}, wrong)
-    found = {}
+    found = {WORKSPACE: _within_m(problem, sweep)}
     if in_the_way:
         from twosra_mpc.checking import clearance  # loads GEOS
 
@@ -69,7 +71,7 @@ def examine_around(trajectory: Trajectory) -> Around:
         found = {
             CLEARANCE: clearance.kept(trajectory, sweep, of),
             CONTACT: clearance.overlap_left(problem, sweep, of),
-            WORKSPACE: clearance.within_m(problem, sweep, of),
+            WORKSPACE: itertools.chain(found[WORKSPACE], clearance.within_m(problem, sweep, of)),
             SOFT_TRAVEL: _soft_travel(trajectory, sweep),
         }
     worst = {name: min(own, key=lambda m: m[0], default=None) for name, own in found.items()}
@@ -91,6 +93,20 @@ def closest_approach(trajectory: Trajectory) -> Clearance | None:
     from twosra_mpc.checking.clearance import closest  # loads GEOS
 
     return closest(problem, sweep, stages(trajectory, sweep))
+
+
+def _within_m(problem: Problem, sweep: Sweep) -> Iterator[tuple[float, str]]:
+    """Margin of the robot to the workspace's edges."""
+    if problem.workspace is not None:
+        found = least(
+            lambda at: workspace_margins(problem, sweep.q[at]),
+            sweep.travelled_m,
+            first=0,
+            last=len(sweep.t_s) - 1,
+            accuracy_m=ROUNDING_M,
+        )
+        by = f"{-1e3 * found.distance_m:z.3g} mm at {sweep.t_s[found.at]:z.1f} s"
+        yield found.distance_m, f"the robot leaves the workspace by {by}"
 
 
 def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> Iterator[tuple[float, str]]:
@@ -201,29 +217,6 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
 def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
     moving = (p for p in trajectory.phases if p.start_s + SAME_TIME_S < at_s)
     return not any(at_s < phase.end_s - SAME_TIME_S for phase in moving)
-
-
-Course = list[tuple[float, float, int | None]]  # since when, until when, and what it is then
-
-
-def course(trajectory: Trajectory, segment: int) -> Course:
-    """Stiffness of a segment (from 0) over time: 1 soft, 0 rigid, None while it changes."""
-    found, since, now = Course(), -math.inf, trajectory.problem.start_mode[segment]
-    for item in own_transitions(trajectory.transitions, segment):
-        found += [(since, item.onset_s, now), (item.onset_s, item.done_s, None)]
-        since, now = item.done_s, int(item.to == "soft")
-    return [*found, (since, math.inf, now)]
-
-
-def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
-    """Stiffness of each segment at a time; what changes within the tolerance has changed."""
-    found = list[int | None]()
-    for j in range(len(trajectory.problem.start_mode)):
-        for since, _, now in course(trajectory, j):
-            if since <= at_s + (-TIME_TOLERANCE_S if now is None else TIME_TOLERANCE_S):
-                last = now
-        found.append(last)
-    return tuple(found)
 
 
 def rounded(task: Pass) -> Pass:

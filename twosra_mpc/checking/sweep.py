@@ -1,6 +1,7 @@
 """Sweep of a plan: the robot at fine times, how far its points travel in between, and its stages.
 
 A stage says what the robot must keep clear of, may touch and holds, from task to task of a mission.
+A course says what a segment is, from transition to transition.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.timing.transitions import own_transitions
 
 CHORDS = 24  # drawn for a segment; they stray from it by 0.03 mm at most
 _ACCURACY_M = 1.6e-4  # to which the least distance of what is drawn is proved
@@ -186,8 +189,9 @@ def least(
     first: int,
     last: int,
     enough_m: float = math.inf,
+    accuracy_m: float = _ACCURACY_M,
 ) -> Least:
-    """Least distance between fine times ``first`` and ``last``, proved to within 0.16 mm.
+    """Least distance between fine times ``first`` and ``last``, proved to within an accuracy.
 
     Between times a and b no distance is less than (d_a + d_b - travel) / 2. Intervals that may
     undercut the least one found by more than the accuracy are cut in half, all of a level at once.
@@ -198,6 +202,7 @@ def least(
         first: First fine time.
         last: Last one.
         enough_m: More than this need not be proved.
+        accuracy_m: To which it is proved as far as fine times are apart.
     """
     even = np.linspace(travelled_m[first], travelled_m[last], _BEGUN + 1)
     marks = np.clip(np.searchsorted(travelled_m, even), first, last)
@@ -208,7 +213,7 @@ def least(
     a, b, d_a, d_b = marks[:-1], marks[1:], d[:-1], d[1:]
     while len(a):
         low = (d_a + d_b - (travelled_m[b] - travelled_m[a])) / 2
-        cut = (low < min(best - _ACCURACY_M, enough_m)) & (b - a > 1)
+        cut = (low < min(best - accuracy_m, enough_m)) & (b - a > 1)
         proved = min(proved, float(low[~cut].min(initial=proved)))
         a, b, d_a, d_b = a[cut], b[cut], d_a[cut], d_b[cut]
         if not len(a):
@@ -288,3 +293,26 @@ def touched_in(problem: Problem, stage: int) -> set[str]:
     names = {task.about for task in own if task.touches}
     names |= {task.about for task in before if task.lies_along}
     return {name for name in names if name}
+
+
+Course = list[tuple[float, float, int | None]]  # since when, until when, and what it is then
+
+
+def course(trajectory: Trajectory, segment: int) -> Course:
+    """Stiffness of a segment (from 0) over time: 1 soft, 0 rigid, None while it changes."""
+    found, since, now = Course(), -math.inf, trajectory.problem.start_mode[segment]
+    for item in own_transitions(trajectory.transitions, segment):
+        found += [(since, item.onset_s, now), (item.onset_s, item.done_s, None)]
+        since, now = item.done_s, int(item.to == "soft")
+    return [*found, (since, math.inf, now)]
+
+
+def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
+    """Stiffness of each segment at a time; what changes within the tolerance has changed."""
+    found = list[int | None]()
+    for j in range(len(trajectory.problem.start_mode)):
+        for since, _, now in course(trajectory, j):
+            if since <= at_s + (-TIME_TOLERANCE_S if now is None else TIME_TOLERANCE_S):
+                last = now
+        found.append(last)
+    return tuple(found)

@@ -14,19 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.checking.heat import heating_problems
-from twosra_mpc.checking.reintegration import between, reintegrate
-from twosra_mpc.checking.surroundings import course, examine_around
-from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
+from twosra_mpc.checking.reintegration import reintegrate
+from twosra_mpc.checking.surroundings import examine_around
+from twosra_mpc.checking.sweep import course
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.driven import Driven, margins
 from twosra_mpc.problem.limits import (
     WHEEL_SPEED,
-    WORKSPACE,
-    outline_at,
     settled,
-    workspace_margins,
 )
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
@@ -34,11 +31,10 @@ from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
     JUMP_TOLERANCE,
     ROUNDING,
-    ROUNDING_M,
     TIME_TOLERANCE_S,
     WHEEL_TOLERANCE_RAD_S,
 )
-from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
+from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.transitions import own_transitions
@@ -69,11 +65,6 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
         if not problem.ends_anywhere and stiffness != problem.goal.mode[j]:
             wanted = "soft" if problem.goal.mode[j] else "rigid"
             yield f"segment {j + 1} does not end {wanted}"
-
-
-_CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
-_AT_ONCE = 64  # of these places
-_OFF_M = 1e-3  # more than paths are bent between these places
 
 
 class Findings(NamedTuple):
@@ -107,8 +98,7 @@ def examine(trajectory: Trajectory) -> Findings:
     around = examine_around(trajectory)
     moving = trajectory.driven
     limits = _margins(problem, samples, moving)
-    for name, margin in around.margins.items():  # what is carried stays within the workspace, too
-        limits[name] = min(limits.get(name, np.inf), margin)
+    limits |= around.margins
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(trajectory, moving)),
@@ -121,7 +111,11 @@ def examine(trajectory: Trajectory) -> Findings:
         rules["tasks in order"] = around.tasks
     problems = [
         *_motion_problems(problem.robot.coordinates, defect, goal_error),
-        *(around.words.get(name) or _exceeded(name, -m) for name, m in limits.items() if m < 0),
+        *(
+            around.words.get(name) or f"limit {name} exceeded by {-m:z.3g}"
+            for name, m in limits.items()
+            if m < 0
+        ),
         *itertools.chain.from_iterable(rules.values()),
     ]
     verification = Verification(
@@ -132,12 +126,6 @@ def examine(trajectory: Trajectory) -> Findings:
         problems=tuple(problems),
     )
     return Findings(verification, rules)
-
-
-def _exceeded(name: str, by: float) -> str:
-    if name == WORKSPACE:
-        return f"the robot leaves the workspace by {1e3 * by:z.3g} mm"
-    return f"limit {name} exceeded by {by:z.3g}"
 
 
 def _grid_problems(samples: Samples) -> Iterator[str]:
@@ -236,66 +224,9 @@ def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, fl
         "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
         "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
     }
-    if problem.workspace is not None:
-        left[WORKSPACE] = _workspace_margin(problem, samples)
     for name, (value, limit) in used.items():
         left[name] = min(left.get(name, np.inf), settled(float(limit - value), limit))
     return {name: margin for name, margin in left.items() if np.isfinite(margin)}
-
-
-def _workspace_margin(problem: Problem, samples: Samples) -> float:
-    """Least distance of the robot to the edge of its workspace, also between samples [m].
-
-    Intervals are cut where a unit has moved half a millimetre, and integrated anew. Within a cut, a
-    point strays from its chord by an eighth of its second difference across it; a quarter is taken
-    off. What gets faster or slower along its chord stays on it. Runs of cuts in which nothing can
-    get as near to the edge as is known are passed over.
-    """
-    fine, at = between(samples, _CUT, least=1)
-    q = reintegrate(problem, fine)
-    if not np.isfinite(q).all():
-        return -1.0  # it is anywhere
-    ends = np.append(np.arange(0, len(q) - 1, _AT_ONCE), len(q) - 1)
-    known = workspace_margins(problem, q[ends])
-    least, travel = float(known.min()), np.diff(_travelled_m(problem, q)[ends])
-    low = (known[1:] + known[:-1] - travel) / 2
-    for k in np.argsort(low, kind="stable").tolist():
-        if low[k] > least + _OFF_M:
-            break
-        part = slice(max(ends[k] - 1, 0), ends[k + 1] + 2)
-        charge(Cost.OUTLINE, len(q[part]))
-        points = outline_at(problem.robot, q[part])
-        margins, same = workspace_margins(problem, q[part], points), at[part][2:] == at[part][:-2]
-        aside = _aside(np.diff(points, axis=0))
-        off, bent = np.zeros(len(margins)), aside.max(axis=1, initial=0.0)
-        off[1:-1] = np.where(same, bent, 0.0)  # corners of a path lie between intervals
-        off[:-1] = np.maximum(off[:-1], off[1:])
-        off[1:] = np.maximum(off[1:], off[:-1])
-        least = min(least, float((margins - off / 4).min()))
-    return 0.0 if abs(least) <= ROUNDING_M else least
-
-
-def _travelled_m(problem: Problem, q: Array) -> Array:
-    """Largest displacement of any point of the robot from row to row, (m,) [m]."""
-    geometry, moved = problem.robot.geometry, np.abs(np.diff(q, axis=0))
-    bent = moved[:, POSE:] @ bending_reach_m2(geometry)
-    beyond = [float(part.sum()) for part in np.array_split(bent, max(1, len(q) // _AT_ONCE))]
-    rho = float(outermost_m(geometry, q[::_AT_ONCE]).max()) + 2 * max(beyond)
-    travel = np.hypot(moved[:, 0], moved[:, 1]) + rho * moved[:, 2] + bent
-    return np.append(0.0, np.cumsum(travel))
-
-
-def _aside(steps: Array) -> Array:
-    """Second differences of points across their way, or whole if they turn back, (m - 1, points).
-
-    ``steps`` are their first differences, (m, points, 2).
-    """
-    second, chord = np.diff(steps, axis=0), steps[1:] + steps[:-1]
-    long = np.maximum(np.linalg.norm(chord, axis=-1), 1e-300)
-    across = np.abs(second[..., 0] * chord[..., 1] - second[..., 1] * chord[..., 0]) / long
-    ahead = (steps[1:] * steps[:-1]).sum(axis=-1) >= 0
-    found: Array = np.where(ahead, across, np.linalg.norm(second, axis=-1))
-    return found
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

@@ -294,26 +294,16 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     return allowed
 
 
-def outline_at(robot: Robot, q: Array) -> Array:
-    """The `outline_points` at configurations (m, 3 + n), (m, points, 2) [m]."""
-    (points,) = by_rows(outline_points(robot.geometry), q)
-    return points.reshape(len(q), -1, 2)
-
-
-def workspace_margins(problem: Problem, q: Array, points: Array | None = None) -> Array:
+def workspace_margins(problem: Problem, q: Array) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
-
-    Args:
-        problem: The problem.
-        q: Configurations.
-        points: `outline_at` them, if that is known.
     """
     geometry, workspace = problem.robot.geometry, problem.workspace
     if workspace is None:
         return np.full(len(q), np.inf)
-    points = outline_at(problem.robot, q) if points is None else points
+    (flat,) = by_rows(outline_points(geometry), q)
+    points = flat.reshape(len(q), -1, 2)
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments
