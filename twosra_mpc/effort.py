@@ -168,7 +168,7 @@ def limit_reached() -> str | None:
 
 def out_of_effort() -> bool:
     """True if nothing more should be begun."""
-    return limit_reached() is not None
+    return _ACCOUNT.get().reached is not None
 
 
 def remembered(most: int) -> Callable[[Callable[Given, Made]], Callable[Given, Made]]:

@@ -16,7 +16,6 @@ from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
 from twosra_mpc.problem.driven import driven
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import segment_model
 
 _CUT = 1e-2  # m: what an input moves at most from one of the quadrature's cuts to the next
 
@@ -60,8 +59,7 @@ def energy_J(problem: Problem, samples: Samples) -> float:
         squares = np.diff(t) @ currents[:-1] ** 2
         return problem.robot.heater.resistance_ohm * float(squares.sum())
     total = 0.0
-    for j, own in enumerate(currents.T):
-        model = segment_model(problem.robot, problem.ambient, j)
+    for j, (own, model) in enumerate(zip(currents.T, problem.segment_models, strict=True)):
         states = np.column_stack(heated_states(samples, j, model, problem.temperatures[j]))
         turns = [0, *(np.flatnonzero(np.diff(own[:-1])) + 1).tolist(), len(t) - 1]
         for begin, end in itertools.pairwise(turns):

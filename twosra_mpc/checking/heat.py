@@ -26,9 +26,7 @@ from twosra_mpc.problem.tolerances import (
     TIME_TOLERANCE_S,
 )
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, replayed
-from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
 from twosra_mpc.timing.transitions import own_transitions
@@ -73,7 +71,7 @@ def _by_curve(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
 def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[str]:
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
     problem, samples = trajectory.problem, trajectory.samples
-    model = segment_model(problem.robot, problem.ambient, segment)
+    model = problem.segment_models[segment]
     states = heated_states(samples, segment, model, problem.temperatures[segment])
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
@@ -91,13 +89,15 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     if wrong.any():
         yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:z.3f} s"
     for item in own:
-        yield from _window_problems(problem, model, item, _at(states, _row(samples, item.heater_s)))
-    ends: list[tuple[str, float]] = [(item.to, item.done_s) for item in own]
+        yield from _window_problems(problem, model, item, _at(states, samples, item.heater_s))
+    ends = {(item.to, item.done_s) for item in own}
     if not problem.ends_anywhere:
-        goal = "soft" if problem.goal.mode[segment] else "rigid"
-        ends.append((goal, float(samples.t_s[-1])))
-    found = (_unreached(samples, model, level, to, when) for to, when in ends)
-    yield from (f"{name}: its currents {text}" for text in dict.fromkeys(filter(None, found)))
+        ends.add(("soft" if problem.goal.mode[segment] else "rigid", float(samples.t_s[-1])))
+    for to, when in sorted(ends, key=lambda end: end[1]):
+        here = model.level(_at(states, samples, when))
+        missing = model.liquid_level - here if to == "soft" else here - model.solid_level
+        if missing > missed:
+            yield f"{name}: its currents do not make it {to} until {when:z.3f} s"
 
 
 def _metal_problems(
@@ -184,7 +184,7 @@ def _policy(
     warms = problem.heating == "keep_warm" and problem.heaters_at_once == len(problem.start_mode)
     switched = [(0.0, first), *((item.heater_s, item.to) for item in own), (math.inf, "rigid")]
     for (since, to), (until, then) in itertools.pairwise(switched):
-        state, target_C = _at(states, _row(samples, since)), heater.soft_setpoint_C
+        state, target_C = _at(states, samples, since), heater.soft_setpoint_C
         current = 0.0
         if to == "soft":
             hot = model.level(state) > model.level_at(target_C)
@@ -199,22 +199,6 @@ def _policy(
         there = since + model.time_until(state, current, model.level_at(target_C))
         if there < until:
             yield _Span(there, math.nan, target_C)
-
-
-def _row(samples: Samples, when: float) -> int:
-    """The sample nearest to a time."""
-    return int(np.argmin(np.abs(samples.t_s - when)))
-
-
-def _unreached(
-    samples: Samples, model: SegmentModel, level: Array, to: str, when: float
-) -> str | None:
-    """Say that the metal is not at the level it should have reached at a time."""
-    here = float(level[_row(samples, when)])
-    missing = model.liquid_level - here if to == "soft" else here - model.solid_level
-    if missing <= _missed(model):
-        return None
-    return f"do not make it {to} until {when:z.3f} s"
 
 
 def _missed(model: SegmentModel) -> float:
@@ -232,8 +216,9 @@ def heated_states(
     return replayed(model, model.initial(temperature_C), samples.t_s, currents)
 
 
-def _at(states: Sequence[Array], row: int) -> State:
-    """The state at a sample."""
+def _at(states: Sequence[Array], samples: Samples, when: float) -> State:
+    """The state at the sample nearest to a time."""
+    row = int(np.argmin(np.abs(samples.t_s - when)))
     return tuple(float(values[row]) for values in states)
 
 
@@ -241,13 +226,9 @@ def _window_problems(
     problem: Problem, model: SegmentModel, item: Transition, state: State
 ) -> Iterator[str]:
     """Nothing may move from the earliest onset to the latest end that the state allows."""
-    robot, heater = problem.robot, problem.robot.heater
-    ranges = tuple(robot.thermal_segment(item.segment - 1).ranges.items())
-    currents_and_setpoint = heater.melt_current_A, heater.soft_setpoint_C
-    window = windows(model, ranges, *currents_and_setpoint, problem.transition_quantile)
-    levels = (model.solid_level, model.liquid_level)
+    window, levels = problem.windows(item.segment - 1), (model.solid_level, model.liquid_level)
     if item.to == "soft":
-        current, (begin, end) = heater.melt_current_A, levels
+        current, (begin, end) = problem.robot.heater.melt_current_A, levels
         early, late = window.melt_early, window.melt_late
     else:
         current, (end, begin) = 0.0, levels

@@ -12,12 +12,11 @@ from flint import arb
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.segment import Heater
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.two_node import TwoNode
-from twosra_mpc.thermal.uncertainty import EXACT, Windows, windows
+from twosra_mpc.thermal.uncertainty import EXACT, Windows
 
 _LONGEST_S, _HALVINGS = 1e5, 60  # looked for a level, and steps to find it
 
@@ -56,15 +55,11 @@ class Heat(NamedTuple):
 
 def heat(problem: Problem, j: int) -> Heat:
     """Work out the least times of segment j (from 0)."""
-    heater, window = problem.robot.heater, EXACT
+    heater = problem.robot.heater
     soft, now = bool(problem.start_mode[j]), arb(problem.temperatures[j])
     if type(problem.transition_times) is OverlappedTiming:
         return _constant(problem.transition_times, heater, now, problem.ambient, soft=soft)
-    model = segment_model(problem.robot, problem.ambient, j)
-    if problem.transition_quantile is not None:
-        ranges = tuple(problem.robot.thermal_segment(j).ranges.items())
-        current, setpoint = heater.melt_current_A, heater.soft_setpoint_C
-        window = windows(model, ranges, current, setpoint, problem.transition_quantile)
+    model, window = problem.segment_models[j], problem.windows(j)
     if type(model) is Lumped:
         return _OneNode(model, heater, now, window).heat(soft=soft)
     if type(model) is TwoNode:

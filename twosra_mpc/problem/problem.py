@@ -36,7 +36,8 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.timing import Timing
-from twosra_mpc.thermal.model import thresholds_C
+from twosra_mpc.thermal.model import SegmentModel, thresholds_C
+from twosra_mpc.thermal.uncertainty import Windows, windows
 from twosra_mpc.validation import (
     MOST_SEGMENTS,
     Celsius,
@@ -308,8 +309,7 @@ class Problem(Value):
 
     def _too_weak_a_heater(self) -> Iterator[InputError]:
         heater, air = self.robot.heater, self.ambient
-        for j, now in enumerate(self.temperatures):
-            model = segment_model(self.robot, air, j)
+        for model, now in zip(self.segment_models, self.temperatures, strict=True):
             setpoint = model.level_at(heater.soft_setpoint_C)
             coldest = model.initial(min(air, now))
             if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
@@ -342,20 +342,28 @@ class Problem(Value):
         return min(solid), max(liquid)
 
     @cached_property
+    def segment_models(self) -> tuple[SegmentModel, ...]:
+        """Thermal model of each segment in this air; none where times are constant."""
+        segments = range(self.robot.coordinates.segments if self._thermal else 0)
+        return tuple(segment_model(self.robot, self.ambient, j) for j in segments)
+
+    def windows(self, segment: int) -> Windows:
+        """Windows of the transitions of a segment (from 0) that has a thermal model."""
+        heater, ranges = self.robot.heater, self.robot.thermal_segment(segment).ranges
+        asked = heater.melt_current_A, heater.soft_setpoint_C, self.transition_quantile
+        return windows(self.segment_models[segment], tuple(ranges.items()), *asked)
+
+    @cached_property
     def segment_thresholds_C(self) -> tuple[tuple[float, float], ...]:
         """Temperatures up to which each segment is solid, and from which on it is liquid [C]."""
-        segments = range(self.robot.coordinates.segments)
         if self._thermal:
-            models = (segment_model(self.robot, self.ambient, j) for j in segments)
-            return tuple(map(thresholds_C, models))
-        return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
+            return tuple(map(thresholds_C, self.segment_models))
+        return ((self.robot.heater.melting_point_C,) * 2,) * self.robot.coordinates.segments
 
     @cached_property
     def replay_tolerance(self) -> float:
         """Share of a transition's time by which replayed heater currents may miss it."""
-        segments = range(self.robot.coordinates.segments if self._thermal else 0)
-        models = (segment_model(self.robot, self.ambient, j) for j in segments)
-        return max((model.replay_tolerance for model in models), default=0.0)
+        return max((model.replay_tolerance for model in self.segment_models), default=0.0)
 
     @property
     def world(self) -> World:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
-from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.thermal.heating import (
@@ -21,7 +20,6 @@ from twosra_mpc.thermal.heating import (
     TemperatureTrajectory,
 )
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing.network import Event, TemporalNetwork, handovers, overlaps
 from twosra_mpc.timing.thermal_start import ThermalStart, thermal_start
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
@@ -59,23 +57,16 @@ class Thermal(TransitionModel):
 
     def _plan(self, segment: int) -> HeatingPlan:
         problem, heater = self.problem, self.problem.robot.heater
-        model = segment_model(problem.robot, problem.ambient, segment)
         solid_below_C, _ = problem.segment_thresholds_C[segment]
         warm = KeepWarm(solid_below_C - KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
         # A heater that the segments share may be needed elsewhere.
         may_keep_warm = problem.heaters_at_once == len(self.first)
         return HeatingPlan(
-            model=model,
+            model=problem.segment_models[segment],
             melt_current_A=heater.melt_current_A,
             soft_setpoint_C=heater.soft_setpoint_C,
             rigid_setpoint_C=heater.rigid_setpoint_C,
-            windows=windows(
-                model,
-                tuple(problem.robot.thermal_segment(segment).ranges.items()),
-                heater.melt_current_A,
-                heater.soft_setpoint_C,
-                problem.transition_quantile,
-            ),
+            windows=problem.windows(segment),
             keep_warm=warm if problem.heating == "keep_warm" and may_keep_warm else None,
         )
 
