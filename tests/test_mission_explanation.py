@@ -64,7 +64,7 @@ def test_what_tasks_cost_adds_up_to_the_plan(explained: Explanation) -> None:
 
 def test_what_a_task_finds_melted_and_frozen_is_said(explained: Explanation) -> None:
     dock, shelf, home = explained.tasks
-    assert explained.shared == (shelf,)
+    assert not shelf.melted
     assert shelf.shape_of == "reach dock"
     assert dock.melted
     assert home.melted
@@ -111,7 +111,6 @@ def test_where_the_order_was_chosen_the_one_listed_is_another(
     found = explain(mission(tasks=listed, order="free", motion="fastest"))
     assert [each.words for each in found.tasks][:2] == ["reach door", "reach desk"]
     assert found.tasks[0].shape_of == "the start"
-    assert found.shared == ()
     (other,) = found.alternatives
     assert other.change == "in the order reach desk, reach door"
     assert other.difference_s is not None
@@ -161,7 +160,7 @@ def test_where_a_goal_cannot_be_reached_alone_that_is_the_outcome(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     trouble = "no plan to reach dock from there: why"
-    broken = GoalByGoal("cold", ("reach dock",), (), trouble)
+    broken = GoalByGoal((), trouble)
     monkeypatch.setattr(module, "goal_by_goal", lambda *_, **__: broken)
     found = one_by_one(explain(mission(motion="fastest"), most_orders=0))
     assert [(each.cost, each.price, each.outcome) for each in found] == [(None, "", trouble)] * 2

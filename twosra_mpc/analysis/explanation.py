@@ -114,15 +114,6 @@ class Explanation:
     complete: bool
     reshaping: Reshaping | None = None
 
-    @property
-    def shared(self) -> tuple[TaskCost, ...]:
-        """Tasks that need no melt because an earlier one left what they need."""
-        return tuple(
-            each
-            for each in self.tasks
-            if not each.melted and (each.bends or each.shape_of not in (None, "the start"))
-        )
-
     def __str__(self) -> str:
         lines = [self.result.message, *(f"  {reason}" for reason in self.why)]
         if self.reshaping is not None:

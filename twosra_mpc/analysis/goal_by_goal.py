@@ -27,15 +27,10 @@ class GoalByGoal:
     """A mission planned one goal after the other.
 
     Attributes:
-        temperatures: What a plan begins with: those the one before ends with, or ``"cold"``, those
-            of the air. How long metal takes to become as cold is not counted.
-        tasks: What each plan is for, in words.
         results: Of planning; the last one may have no plan, then nothing was planned after it.
         trouble: Why there is no plan of a goal; empty where there are all.
     """
 
-    temperatures: str
-    tasks: tuple[str, ...]
     results: tuple[Result, ...]
     trouble: str = ""
 
@@ -70,33 +65,31 @@ def goal_by_goal(
 
     Args:
         problem: The mission.
-        temperatures: "carried on", or "cold": every plan begins with cold, rigid segments.
+        temperatures: "carried on", or "cold": every plan begins with cold, rigid segments. How long
+            metal takes to become as cold is not counted.
         on_progress: Told what is planned next.
 
     Raises:
         KeyboardInterrupt: At Ctrl-C.
     """
     tell = on_progress or (lambda _: None)
-    names, results, before = list[str](), list[Result](), None
+    results, before = list[Result](), None
     for words, tasks, goal_is_last in goals(problem):
         tell(f"{words}, {TEMPERATURES[temperatures]}")
-        names.append(words)
         try:
             one = _alone(problem, tasks, goal_is_last)
             if before is not None:
                 one = _from_the_end_of(before, one, cold=temperatures == "cold")
             result = plan_until_interrupted(one)
         except InputError as error:
-            trouble = f"no plan to {words} from there: {error}"
-            return GoalByGoal(temperatures, tuple(names), tuple(results), trouble)
+            return GoalByGoal(tuple(results), f"no plan to {words} from there: {error}")
         results.append(result)
         if result.ending is Ending.INTERRUPTED:
             raise KeyboardInterrupt
         if not result.found:
-            trouble = f"no plan to {words} from there: {result.message}"
-            return GoalByGoal(temperatures, tuple(names), tuple(results), trouble)
+            return GoalByGoal(tuple(results), f"no plan to {words} from there: {result.message}")
         before = result.require().trajectory
-    return GoalByGoal(temperatures, tuple(names), tuple(results))
+    return GoalByGoal(tuple(results))
 
 
 def goals(problem: Problem) -> Iterator[tuple[str, tuple[Task, ...], bool]]:
