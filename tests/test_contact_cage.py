@@ -50,7 +50,6 @@ def test_the_robot_cages_discs_up_to_50_mm(radius_m: float, proved: bool) -> Non
     for touch in grasp_touches(V1, disc(radius_m)).touches:
         cage = caged(V1.geometry, touch.kappa, disc(radius_m), touch.pose_in_b0)
         assert cage.proved == proved
-        assert ("it cannot leave" in cage.words) == proved
         assert np.isfinite(cage.room_m) == proved
 
 

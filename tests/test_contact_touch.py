@@ -135,7 +135,7 @@ def test_what_cannot_be_grasped_is_said() -> None:
     assert grasp_touches(ROBOTS["2sr-v2"], disc(0.02)).refused == {BEYOND: 2}
     none = grasp_touches(V1, disc(0.025))
     assert none.best_wrap_rad == 0.0
-    assert not len(none.shapes)
+    assert not none.touches
 
 
 def test_units_on_one_side_of_the_fibre_make_sides_differ() -> None:
@@ -147,7 +147,8 @@ def test_units_on_one_side_of_the_fibre_make_sides_differ() -> None:
 
 def test_shapes_that_repeat_are_few() -> None:
     found = grasp_touches(V1, cube(0.04))
-    assert len(found.shapes) * 3 < len(found.touches)
+    shapes = np.unique(np.round([touch.kappa for touch in found.touches], 2), axis=0)
+    assert len(shapes) * 3 < len(found.touches)
 
 
 @given(

@@ -22,33 +22,13 @@ from twosra_mpc.robot.coordinates import Array, inverse, rotation
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, contacts
 from twosra_mpc.space.footprint import footprint
-from twosra_mpc.space.possible import disc_enclosed, polygon_enclosed
+from twosra_mpc.space.possible import Enclosure, disc_enclosed, polygon_enclosed
 
 _SAGITTA_M = 1e-4  # by which chords may miss the arc they stand for
 
 
-@dataclass(frozen=True)
-class Cage:
-    """Cage: proof that an object cannot leave, or none.
-
-    Attributes:
-        proved: It cannot.
-        headings: Slices of headings that decided; 0 for a disc, 1 where it leaves without turning.
-        room_m: How far its centroid may get from where it is, at most; infinite where not proved.
-    """
-
-    proved: bool
-    headings: int
-    room_m: float
-
-    @property
-    def words(self) -> str:
-        """Verdict in words."""
-        return "caged: proved, it cannot leave" if self.proved else "not proved to be caged"
-
-
-def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike) -> Cage:
-    """Cage of an object by a robot in one shape, as far as it is proved.
+def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike) -> Enclosure:
+    """Cage of an object by a robot in one shape, as far as it is proved: its centroid enclosed.
 
     Args:
         geometry: Lengths of the robot.
@@ -71,7 +51,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
     if found is None:
         allowed = "a pose at which robot and object do not overlap"
         raise InputError("pose_in_b0", (x, y, phi), allowed)
-    return Cage(*found)
+    return found
 
 
 _FLAT = 1e-9  # rounding of unit normals
@@ -83,19 +63,12 @@ class PushingCone:
     """Body twists of b0 that an object follows.
 
     Attributes:
-        friction: Coefficient between robot and object.
         contacts: Where they touch, in b0, (k, 2) [m].
         facets: Twists t with facets @ t <= 0 are held, (f, 3).
     """
 
-    friction: float
     contacts: Array
     facets: Array
-
-    @property
-    def words(self) -> str:
-        """Verdict in words."""
-        return f"pushed: held only while contact is kept (friction {self.friction:zg})"
 
     def holds(self, twists: ArrayLike) -> NDArray[np.bool_]:
         """True for body twists (s_u, s_v, s_r) of b0 (..., 3) that keep the object, (...,)."""
@@ -130,7 +103,7 @@ def pushing_cone(
     torque = (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]) / wide
     x, y = middle
     load = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, wide]])  # of a twist of b0
-    return PushingCone(friction, points, _facets(np.column_stack([forces, torque])) @ load)
+    return PushingCone(points, _facets(np.column_stack([forces, torque])) @ load)
 
 
 def _facets(generators: Array) -> Array:

@@ -217,13 +217,6 @@ class TouchSet:
         """Most that a touch embraces, 0 if there is none."""
         return max((touch.wrap_rad for touch in self.touches), default=0.0)
 
-    @property
-    def shapes(self) -> Array:
-        """Different shapes among the touches, to 0.01 1/m, (m, n) [1/m]."""
-        if not self.touches:
-            return np.zeros((0, 0))
-        return np.unique(np.round([touch.kappa for touch in self.touches], 2) + 0.0, axis=0)
-
 
 def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
     """Configurations closed around an object, from 72 places around it (a disc: one).
