@@ -108,7 +108,7 @@ def test_what_holds_a_caged_disc_is_caged(radius_m: float, less_m: float) -> Non
 def test_a_cube_is_caged_from_its_corner() -> None:
     found = grasp_touches(V1, cube(0.05)).touches
     held = caged(V1.geometry, found[0].kappa, cube(0.05), found[0].pose_in_b0)
-    assert (held.proved, held.headings) == (True, 72)
+    assert held.proved
     assert held.room_m < 0.02
     assert np.cos(4 * found[0].configuration[2]) < -0.9  # at about 45 degrees
     flat = next(touch for touch in found if np.abs(touch.kappa).max() < 5.0)

@@ -16,6 +16,7 @@ from twosra_mpc import Problem, Status, load_problem, plan
 from twosra_mpc.analysis.alternatives import FARTHER_M
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.analysis.reshaping import Reshaping, reshaping
+from twosra_mpc.lab.worlds.passages import decide
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.modes import RIGID, SOFT_1
@@ -52,7 +53,7 @@ def test_without_one_that_is_to_blame_there_is_a_drive(removed: int) -> None:
     left = base.with_values(obstacles=base.obstacles[1 - removed : 2 - removed])
     drives = Drives(left.robot, left.world, left.start.kappa_per_m)
     start, goal = left.start.configuration, left.goal.configuration
-    assert drives.decide(start[:3], goal[:3]).verdict == "certified"
+    assert decide(drives, start[:3], goal[:3])[0] == "certified"
 
 
 def test_several_together_are_to_blame_where_none_is_alone() -> None:

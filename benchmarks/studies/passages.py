@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from benchmarks.study import Numbers, Study
 from twosra_mpc import Problem, load_problem
+from twosra_mpc.lab.worlds.passages import decide
 from twosra_mpc.space.drives import Drives
 
 _START, _GOAL = np.array([-0.36, -0.04, 1.0]), np.array([0.36, 0.04, -1.0])
@@ -62,11 +63,11 @@ class Passages(Study):
         problem, clock = corridor(case.width_m), time.process_time
         began = clock()
         drives = Drives(problem.robot, problem.world, _STRAIGHT)
-        decision = drives.decide(_START, _GOAL)
+        verdict, headings = decide(drives, _START, _GOAL)
         decided = clock()
-        found = drives.best(_START, _GOAL) if decision.verdict == "certified" else None
+        found = drives.best(_START, _GOAL) if verdict == "certified" else None
         drive_s = None if found is None else clock() - decided
-        return PassageRecord(decision.verdict, decision.headings, decided - began, drive_s)
+        return PassageRecord(verdict, headings, decided - began, drive_s)
 
 
 def corridor(width_m: float) -> Problem:

@@ -7,9 +7,8 @@ robot is at rest at each of them. A straight leg, or one pose in between, needs 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,19 +42,6 @@ _SPACING_M = 0.04  # of the roadmap's grid: about a unit's side
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _NOTHING = np.zeros((0, 4, 2))
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Decision on the existence of a drive.
-
-    Attributes:
-        verdict: "certified": it does. "blocked": none does, proved. Else "undecided".
-        headings: Slices of headings that decided; 0 if none were needed.
-    """
-
-    verdict: Literal["certified", "blocked", "undecided"]
-    headings: int
 
 
 class Drives:
@@ -124,11 +110,7 @@ class Drives:
         own_m = self.separation.to_obstacles(start)
         return self.kept_m - np.clip(own_m, 0.0, self.kept_m)
 
-    def certified(self, poses: Array) -> bool:
-        """True if all legs of a drive (m, 3) are proved clear."""
-        return bool(self._proof(poses[0])(poses[:-1], poses[1:]).all())
-
-    def _proof(self, first: Array) -> Proof:
+    def proof(self, first: Array) -> Proof:
         """Proof of clear legs; those that start at a pose (3,) keep no more than it."""
         lent = self.lent_m(first)
 
@@ -211,24 +193,13 @@ class Drives:
 
     # Drives.
 
-    def decide(self, start: Array, goal: Array) -> Decision:
-        """Decision on a drive from start to goal (3,); finer slices as needed."""
-        if self.clear_legs(start, goal, self.lent_m(start)).all():
-            return Decision("certified", 0)
-        for headings in self.headings:
-            if self._ends(headings, start, goal) is not None:
-                return Decision("certified", headings)
-            if self._blocked(headings, start, goal):
-                return Decision("blocked", headings)
-        return Decision("undecided", self.headings[-1])
-
     def best(self, start: Array, goal: Array) -> Array | None:
         """A good drive from start to goal (3,): poses (m, 3), or None if none was found.
 
         Headings go on over full turns: that of the last pose may differ from the goal's by some.
         """
         goal = continued(np.array([start, goal]))[-1]
-        straight, proof = np.array([start, goal]), self._proof(start)
+        straight, proof = np.array([start, goal]), self.proof(start)
         guess = by_one_pose(start, goal, self._free, self.leg_times_s, proof)
         if guess is not None:
             guess = improved(guess, self.leg_times_s, proof)
@@ -246,13 +217,13 @@ class Drives:
             found = self._roads(headings, start, goal)
             if found is not None:
                 return found
-            if self._blocked(headings, start, goal):
+            if self.blocked(headings, start, goal):
                 return None
         return None
 
     def _roads(self, headings: int, start: Array, goal: Array) -> Array | None:
         """A drive along the roads of slices, made shorter, or one that goes round elsewhere."""
-        ends = self._ends(headings, start, goal)
+        ends = self.ends(headings, start, goal)
         if ends is None:
             return None
         field, back = (self.roadmap(headings).field(end) for end in ends)
@@ -263,11 +234,11 @@ class Drives:
         ways = [
             continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
         ]
-        times, proof = self.leg_times_s, self._proof(start)
+        times, proof = self.leg_times_s, self.proof(start)
         poses = min((shortest(way, times, proof) for way in ways), key=self.time_s)
         return shortest(improved(poses, times, proof), times, proof)
 
-    def _ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
+    def ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
         """Poses in one component of F- that straight legs join to start and goal."""
         slices = self.certified_slices(headings)
         for first in self._entries(headings, start, self.lent_m(start)):
@@ -287,7 +258,7 @@ class Drives:
         joined = self.clear_legs(at[near], nodes[near], lent_m)
         return list(nodes[near[joined]])
 
-    def _blocked(self, headings: int, start: Array, goal: Array) -> bool:
+    def blocked(self, headings: int, start: Array, goal: Array) -> bool:
         """True if F+ proves that no drive from start to goal exists."""
         from twosra_mpc.space.possible import apart
 

@@ -149,12 +149,10 @@ class Enclosure(NamedTuple):
 
     Attributes:
         proved: There is none.
-        headings: Slices of headings that decided; 0 for a disc, 1 where it need not turn.
         room_m: How far its reference point may get, at most; infinite where not proved.
     """
 
     proved: bool
-    headings: int
     room_m: float
 
 
@@ -164,11 +162,11 @@ def disc_enclosed(around: Array, radius_m: float, at: Array) -> Enclosure | None
     blocked = shapely.buffer(body, radius_m - UNSEEN_M, quad_segs=_FINE_QUADRANT)  # inscribed
     box = np.reshape(shapely.bounds(blocked), (2, 2)) + np.array([[-_BESIDE_M], [_BESIDE_M]])
     if _outside(at, box):
-        return Enclosure(False, 0, np.inf)
+        return Enclosure(False, np.inf)
     parts: Any = shapely.get_parts(shapely.difference(shapely.box(*box[0], *box[1]), blocked))
     held = parts[shapely.intersects(parts, shapely.Point(at))]
     at_edge = bool((np.abs(shapely.bounds(held).reshape(-1, 2, 2) - box) <= AT_EDGE_M).any())
-    return _enclosure(held, at_edge, 0, at) if len(held) else None
+    return _enclosure(held, at_edge, at) if len(held) else None
 
 
 def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | None:
@@ -183,11 +181,11 @@ def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | No
     for headings in (1, *HEADINGS):  # with one it does not turn
         thinner = _kept(pieces, 0.0 if headings == 1 else np.pi / headings)
         if _outside(at, box_around(thinner, list(around))):
-            return Enclosure(False, headings, np.inf)
+            return Enclosure(False, np.inf)
         component = component_around(thinner, list(around), headings, at)
         if component is None:
             return None
-        found = _enclosure(*component, headings, at)
+        found = _enclosure(*component, at)
         if found.proved != (headings == 1):
             return found
     return found
@@ -198,11 +196,11 @@ def _outside(at: Array, box_m: Array) -> bool:
     return bool((at <= box_m[0]).any() or (at >= box_m[1]).any())
 
 
-def _enclosure(parts: Any, at_edge: bool, headings: int, at: Array) -> Enclosure:
+def _enclosure(parts: Any, at_edge: bool, at: Array) -> Enclosure:
     if at_edge:
-        return Enclosure(False, headings, np.inf)
+        return Enclosure(False, np.inf)
     away = np.linalg.norm(shapely.get_coordinates(parts) - at, axis=1)
-    return Enclosure(True, headings, float(away.max()))
+    return Enclosure(True, float(away.max()))
 
 
 def _kept(pieces: list[Array], half_turn_rad: float) -> list[Array]:

@@ -107,6 +107,21 @@ def _verdict(problem: Problem, kappa: Array, headings: Headings) -> Verdict | No
     return decide_between(drives, *_boxes(problem, headings))
 
 
+def decide(drives: Drives, start: Array, goal: Array) -> tuple[Verdict, int]:
+    """Verdict on a drive from a pose (3,) to another one, and how many headings decided; 0: none.
+
+    A pose that no slice holds may be joined to one by a straight leg.
+    """
+    if drives.clear_legs(start, goal, drives.lent_m(start)).all():
+        return "certified", 0
+    for fineness in drives.headings:
+        if drives.ends(fineness, start, goal) is not None:
+            return "certified", fineness
+        if drives.blocked(fineness, start, goal):
+            return "blocked", fineness
+    return "undecided", drives.headings[-1]
+
+
 def decide_between(drives: Drives, start: Box, goal: Box) -> Verdict:
     """Verdict on drives from one box of poses to another; infinite ends are free."""
     from twosra_mpc.space.possible import apart  # shapely
