@@ -30,6 +30,7 @@ from twosra_mpc.space.footprint import reach_per_curvature_m2
 
 Rows = NDArray[np.intp]
 Place = Callable[[Array, Rows], Array]  # curvatures (k,), rows (k,) -> configurations (k, 3 + n)
+Rooms = Callable[[Array, Rows], Array]  # the same -> room of parts, (2 segments, k) [m]
 
 TOUCHES_M = 5e-6  # what chords miss: as near counts as touching, as deep as not overlapping
 _STEP_PER_M, _OPENING_PER_M = 0.5, 2.0  # of curvatures: 0.4 mm and 1.6 mm of 40 mm
@@ -48,6 +49,24 @@ class Closed(NamedTuple):
     curvature: Array
     touches: NDArray[np.bool_]
     fits: NDArray[np.bool_]
+
+
+class _Bracket(NamedTuple):
+    """Curvatures (m,) at which parts are apart and overlap, NaN if not known, and room there.
+
+    They are narrowed in place.
+    """
+
+    low: Array
+    high: Array
+    above: Array
+    below: Array
+
+    def narrow(self, rows: Rows, at: Array, room: Array) -> None:
+        """Take in the room at further curvatures."""
+        met = room < 0
+        self.high[rows[met]], self.below[rows[met]] = at[met], room[met]
+        self.low[rows[~met]], self.above[rows[~met]] = at[~met], room[~met]
 
 
 def close(
@@ -70,62 +89,68 @@ def close(
         segments: Segments that move, from 0.
         gap_m: What is left between them and the contour.
     """
-    most, geometry = robot.limits.curvature_per_m, robot.geometry
-    reach = _reach_m2(geometry, segments)
+    most, reach = robot.limits.curvature_per_m, _reach_m2(robot.geometry, segments)
 
     def rooms(curvature: Array, rows: Rows) -> Array:
         return _rooms_m(robot, contour, place(curvature, rows), segments, gap_m)
 
-    def room(curvature: Array, rows: Rows) -> Array:
-        least: Array = rooms(curvature, rows).min(axis=0)
-        return least
+    above = rooms(start, np.arange(len(start))).min(axis=0)
+    found = _Bracket(np.array(start), np.full(len(start), np.nan), above, above.copy())
+    _open(rooms, found, most)
+    fits = found.low >= -most
+    _approach(rooms, found, reach, most)
+    touches = np.isfinite(found.high)
+    _halve(rooms, found, touches & fits)
+    return Closed(found.low, touches, fits)
 
-    everything = np.arange(len(start))
-    low, high = np.array(start), np.full(len(start), np.nan)
-    above = room(low, everything)
-    below = above.copy()
-    opening = everything[above < 0]
+
+def _open(rooms: Rooms, found: _Bracket, most: float) -> None:
+    """Open what overlaps, by steps, until it does no more or is bent the other way by ``most``."""
+    low, high, above, below = found
+    opening = np.flatnonzero(above < 0)
     while len(opening):
         high[opening], below[opening] = low[opening], above[opening]
         low[opening] -= _OPENING_PER_M
         opening = opening[low[opening] >= -most]
-        above[opening] = room(low[opening], opening)
+        above[opening] = rooms(low[opening], opening).min(axis=0)
         opening = opening[above[opening] < 0]
-    fits = low >= -most
-    closing = everything[np.isnan(high)]
-    left = rooms(low[closing], closing)
+
+
+def _approach(rooms: Rooms, found: _Bracket, reach: Array, most: float) -> None:
+    """Close what has not overlapped yet by steps in which it cannot, or small ones."""
+    closing = np.flatnonzero(np.isnan(found.high))
+    left = rooms(found.low[closing], closing)
     while len(closing):
         step = np.maximum((left / reach).min(axis=0), _STEP_PER_M)
-        ahead = np.minimum(low[closing] + step, most)
+        ahead = np.minimum(found.low[closing] + step, most)
         left = rooms(ahead, closing)
         least = left.min(axis=0)
-        met = least < 0
-        high[closing[met]], below[closing[met]] = ahead[met], least[met]
-        low[closing[~met]], above[closing[~met]] = ahead[~met], least[~met]
-        further = ~met & (ahead < most)
+        found.narrow(closing, ahead, least)
+        further = (least >= 0) & (ahead < most)
         closing, left = closing[further], left[:, further]
-    touches = np.isfinite(high)
-    between = everything[touches & fits & (above > _ROOM_M)]
-    before = np.full(len(start), 2)
-    weight = np.ones((2, len(start)))  # of the ends: what stays counts for half as much each time
+
+
+def _halve(rooms: Rooms, found: _Bracket, some: NDArray[np.bool_]) -> None:
+    """Narrow brackets until little room is left, where the secant of their ends is zero.
+
+    An end that stays counts for half as much each time (Illinois); every fourth step halves.
+    """
+    between = np.flatnonzero(some & (found.above > _ROOM_M))
+    before, weight = np.full(len(some), 2), np.ones((2, len(some)))
     for step in range(_STEPS):
         if not len(between):
             break
-        ends = np.array([above[between] - _ROOM_M / 2, _ROOM_M / 2 - below[between]])
-        ends *= weight[:, between]
+        low, high, above, below = (each[between] for each in found)
+        ends = np.array([above - _ROOM_M / 2, _ROOM_M / 2 - below]) * weight[:, between]
         share = np.full(len(between), 0.5) if step % 4 == 3 else ends[0] / ends.sum(axis=0)
-        at = low[between] + share * (high[between] - low[between])
-        left = room(at, between)
-        met = left < 0
-        high[between[met]], below[between[met]] = at[met], left[met]
-        low[between[~met]], above[between[~met]] = at[~met], left[~met]
+        at = low + share * (high - low)
+        room = rooms(at, between).min(axis=0)
+        found.narrow(between, at, room)
+        met = room < 0
         again = np.where(met == before[between], 0.5, 1.0)
-        weight[:, between], before[between] = (
-            np.where([met, ~met], weight[:, between] * again, 1.0),
-            met,
-        )
-        between = between[above[between] > _ROOM_M]
-    return Closed(low, touches, fits)
+        weight[:, between] = np.where([met, ~met], weight[:, between] * again, 1.0)
+        before[between] = met
+        between = between[found.above[between] > _ROOM_M]
 
 
 def room_m(
@@ -227,8 +252,7 @@ def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
         gap_m: What is left between robot and object.
     """
     contour, geometry = Contour.of(thing.own), robot.geometry
-    chains = _chains(geometry)
-    found, refused = [], Counter[str]()
+    chains, found = _chains(geometry), list[_Side]()
     for side in (1, -1):
         poses = _turned(contour.stations(geometry.fibre_radius_m + gap_m), side)
         q = np.pad(poses, ((0, 0), (0, geometry.segments)))
@@ -239,11 +263,8 @@ def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
         _name_limits(robot, q, reasons)
         wraps = wraps_rad(geometry, contour, q, side, gap_m + 4 * TOUCHES_M)
         reasons[(reasons == "") & (wraps <= 0)] = NOTHING
-        refused.update(reasons[reasons != ""].tolist())
-        slack = np.zeros(geometry.segments)
-        kept = np.flatnonzero(reasons == "")
-        found += [Touch(q[i], slack, float(wraps[i]), side) for i in kept]
-    return TouchSet(_ordered(found), dict(refused))
+        found.append((side, q, reasons, np.zeros((len(q), geometry.segments)), wraps))
+    return _in_order(found)
 
 
 def conform_touches(
@@ -267,7 +288,7 @@ def conform_touches(
     if any(c != whole[: len(c)] for c, whole in zip(chains, wholes, strict=True)):
         raise InputError("segments", segments, "segments that begin next to b0")
     chains = [chain for chain in chains if chain]
-    found, refused = [], Counter[str]()
+    found, own, lengths = list[_Side](), sorted(asked), np.array(geometry.lengths_m)[sorted(asked)]
     for side in (1, -1):
         stations = _turned(contour.stations(geometry.fibre_radius_m), side)
         reasons = np.full(len(stations), "", dtype=object)
@@ -279,19 +300,30 @@ def conform_touches(
         reasons[(reasons == "") & (room_m(robot, contour, q, (None,), 0.0) < 0)] = OVERLAPS
         for chain in rest:
             _close_chain(robot, contour, q, chain, side, 0.0, reasons)
-        gaps = np.array([farthest_m(geometry, contour, q, j) for j in sorted(asked)])
+        gaps = np.array([farthest_m(geometry, contour, q, j) for j in own])
         for i in np.flatnonzero((reasons == "") & (gaps.max(axis=0) > gap_m + TOUCHES_M)):
-            reasons[i] = _what_keeps_off(robot, contour, q[i], sorted(asked))
+            reasons[i] = _what_keeps_off(robot, contour, q[i], own)
         q[:, [POSE + j for j in range(geometry.segments) if j not in asked]] = np.nan
         _name_limits(robot, q, reasons)
+        slack = np.zeros((len(q), geometry.segments))
+        slack[:, own] = 2 * np.clip(gap_m - gaps.T, 0.0, gap_m) / lengths**2
+        turns = np.abs(q[:, [POSE + j for j in own]] @ lengths)
+        found.append((side, q, reasons, slack, turns))
+    return _in_order(found)
+
+
+_Side = tuple[int, Array, Array, Array, Array]  # with configurations, reasons, slack and wraps
+
+
+def _in_order(found: list[_Side]) -> TouchSet:
+    """Touches on both sides, those that embrace most first."""
+    touches, refused = list[Touch](), Counter[str]()
+    for side, q, reasons, slack, wraps in found:
         refused.update(reasons[reasons != ""].tolist())
-        for i in np.flatnonzero(reasons == ""):
-            slack, lengths = np.zeros(geometry.segments), np.array(geometry.lengths_m)
-            own = sorted(asked)
-            slack[own] = 2 * np.clip(gap_m - gaps[:, i], 0.0, gap_m) / lengths[own] ** 2
-            turn = float(np.abs(q[i, [POSE + j for j in own]] @ lengths[own]))
-            found.append(Touch(q[i], slack, turn, side))
-    return TouchSet(_ordered(found), dict(refused))
+        kept = np.flatnonzero(reasons == "")
+        touches += [Touch(q[i], slack[i], float(wraps[i]), side) for i in kept]
+    ordered = sorted(touches, key=lambda touch: -round(touch.wrap_rad, 6))
+    return TouchSet(tuple(ordered), dict(refused))
 
 
 def _chains(geometry: Geometry) -> list[tuple[int, ...]]:
@@ -299,10 +331,6 @@ def _chains(geometry: Geometry) -> list[tuple[int, ...]]:
     inner = geometry.inner_link_of_b0
     both = [tuple(range(inner))[::-1], tuple(range(inner, geometry.segments))]
     return [chain for chain in both if chain]
-
-
-def _ordered(found: list[Touch]) -> tuple[Touch, ...]:
-    return tuple(sorted(found, key=lambda touch: -round(touch.wrap_rad, 6)))
 
 
 def _turned(poses: Array, side: int) -> Array:
