@@ -189,7 +189,6 @@ def narrow(monkeypatch: pytest.MonkeyPatch) -> ShapeLimit:
     """The difference of the curvatures stays within 30 1/m."""
     toy = ShapeLimit(
         name="difference_per_m",
-        unit="1/m",
         margin=lambda body, kappa: 30.0 - ca.fabs(kappa[0] - kappa[1]),
         words=lambda numbers: "curvatures differ by over 30 1/m",
         rounding=1e-9,

@@ -25,12 +25,12 @@ from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.reintegration import between_problems
 from twosra_mpc.checking.verification import Findings, examine, verify
 from twosra_mpc.files import differences, json_document, read_text, reading
+from twosra_mpc.keys import unit_of
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import plan_in
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, new_times
-from twosra_mpc.problem.limits import UNITS
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
     EFFORT_TOLERANCE,
@@ -45,7 +45,6 @@ from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.validation import ArrayValue
 
 _YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state
-_UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
 
 
 @dataclass(frozen=True)
@@ -179,7 +178,7 @@ def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
         )
     for name, margin in checked.limits.items():
         state = "kept" if margin >= 0 else "exceeded"
-        yield Check(f"limit {name}", state, margin >= 0, margin, _UNITS[name])
+        yield Check(f"limit {name}", state, margin >= 0, margin, unit_of(name))
     for name, broken in found.rules.items():
         yield Check(name, broken[0] if broken else "kept", not broken)
 

@@ -241,7 +241,7 @@ def bending_task(problem: Problem) -> BendingTask:
         least_effort=facts.least_effort_s2,
         forbidden=forbidden,
         shapeless=shapeless,
-        beyond=f"beyond {CURVATURE.name} = {limit:zg} {CURVATURE.unit}",
+        beyond=f"beyond {CURVATURE.name} = {limit:zg} 1/m",
         shape=", ".join(_asked(f"kappa{j}", *numbers) for j, numbers in asked),
         conserved=Conserved(*path_model(problem.robot).conserved),
         curvature=facts.curvatures,

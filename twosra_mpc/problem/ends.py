@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.keys import unit_of
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
@@ -69,7 +70,8 @@ def _what_lacks(robot: Robot, shape: Array, which: str) -> str:
     if limit is BODY_GAP:
         return f"another shape; in {which} {overlap_in_words(robot, shape)}"
     short = -float(shape_margins(robot, shape)[limit.name][0])
-    amount = f"{1e3 * short:z.1f} mm" if limit.unit == "m" else f"{short:z.3g} {limit.unit}"
+    unit = unit_of(limit.name)
+    amount = f"{1e3 * short:z.1f} mm" if unit == "m" else f"{short:z.3g} {unit}"
     return f"another shape; {which} is {amount} short: {limit.words(robot.limits)}"
 
 

@@ -47,7 +47,6 @@ class ShapeLimit:
 
     Attributes:
         name: Of its number in ``robot.limits``, unit included.
-        unit: Unit of the margin.
         margin: (body, curvatures (n,)) -> what is left, negative where forbidden, symbolically.
         nearer: (body, shapes (m, n)) -> what is left, (m,), where ``margin`` is only a lower bound
             of it, for those where it is less than `FAR_M`.
@@ -60,7 +59,6 @@ class ShapeLimit:
     """
 
     name: str
-    unit: str
     margin: Callable[[Body, ca.SX], ca.SX]
     words: Callable[[MotionLimits], str]
     rounding: float
@@ -76,14 +74,12 @@ class SpeedLimit:
 
     Attributes:
         name: Of its number in ``robot.limits``, unit included; a robot without it is not limited.
-        unit: Unit of the margin.
         travel: (body, s, J s, V s) -> what an input displacement s moves, (m,); linear in s.
         words: What is wrong with a motion that is too fast, to complete "a motion in which ...".
         overstated: How many times more than what is really travelled ``travel`` may say.
     """
 
     name: str
-    unit: str
     travel: Callable[[Body, ca.SX, ca.SX, ca.SX], ca.SX]
     words: Callable[[MotionLimits], str]
     overstated: float = 1.0
@@ -115,7 +111,6 @@ def _parts_moved_m2(body: Body) -> Array:
 
 CURVATURE = ShapeLimit(
     name="curvature_per_m",
-    unit="1/m",
     margin=_curvature,
     words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:zg} 1/m",
     rounding=CURVATURE_TOLERANCE_PER_M,
@@ -124,7 +119,6 @@ CURVATURE = ShapeLimit(
 )
 UNIT_GAP = ShapeLimit(
     name="unit_gap_m",
-    unit="m",
     margin=lambda body, kappa: self_collision(body).units(kappa) - body.limits.unit_gap_m,
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
     rounding=ROUNDING_M,
@@ -133,7 +127,6 @@ UNIT_GAP = ShapeLimit(
 )
 BODY_GAP = ShapeLimit(
     name="body_gap_m",
-    unit="m",
     margin=lambda body, kappa: self_collision(body).bound(kappa),
     nearer=lambda body, kappa: self_collision(body).separations(kappa).min(axis=1),
     words=lambda _: "parts overlap: units, wheels, links or fibre",
@@ -143,7 +136,6 @@ BODY_GAP = ShapeLimit(
 )
 WHEEL_INDEPENDENCE = ShapeLimit(
     name="wheel_independence",
-    unit="",
     margin=lambda body, kappa: (
         wheel_independence(body.geometry, kappa) - body.limits.wheel_independence
     ),
@@ -158,45 +150,37 @@ SHAPE_LIMITS = (CURVATURE, UNIT_GAP, BODY_GAP, WHEEL_INDEPENDENCE)
 
 WHEEL_SPEED = SpeedLimit(
     name="wheel_speed_rad_s",
-    unit="rad/s",
     travel=lambda body, s, moved, turned: turned,
     words=lambda limits: f"wheels turn faster than {limits.wheel_speed_rad_s:zg} rad/s",
 )
 UNIT_SPEED = SpeedLimit(
     name="unit_speed_m_s",
-    unit="m/s",
     travel=lambda body, s, moved, turned: s[:2],
     words=lambda limits: f"locomotion units move faster than {limits.unit_speed_m_s:zg} m/s",
 )
 BEND_RATE = SpeedLimit(
     name="bend_rate_rad_s",
-    unit="rad/s",
     travel=lambda body, s, moved, turned: moved[POSE:] * ca.DM(body.geometry.lengths_m),
     words=lambda limits: f"segments bend faster than {limits.bend_rate_rad_s:zg} rad/s",
 )
 SPEED = SpeedLimit(
     name="speed_m_s",
-    unit="m/s",
     travel=lambda body, s, moved, turned: ca.DM(_SPEED_AXES) @ s[2:4],
     words=lambda limits: f"the middle link drives faster than {limits.speed_m_s:zg} m/s",
     overstated=1 / _WITHIN,
 )
 TURN_RATE = SpeedLimit(
     name="turn_rate_rad_s",
-    unit="rad/s",
     travel=lambda body, s, moved, turned: s[4],
     words=lambda limits: f"the robot turns faster than {limits.turn_rate_rad_s:zg} rad/s",
 )
 WHEEL_ACCELERATION = "wheel_acceleration_rad_s2"  # with it, every phase goes from rest to rest
 SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED, BEND_RATE, SPEED, TURN_RATE)
 
-UNITS = {limit.name: limit.unit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
-UNITS |= {WHEEL_ACCELERATION: "rad/s2"}
 WORKSPACE = "workspace_m"  # margin to the box of the scenario, no limit of the robot
 CLEARANCE = "clearance_m"  # margin to what is kept to obstacles
 CONTACT = "contact_m"  # margin to the overlap that is allowed with what is touched
 SOFT_TRAVEL = "soft_travel_m"  # of robot.limits, kept where there are obstacles
-UNITS |= {WORKSPACE: "m", CLEARANCE: "m", CONTACT: "m", SOFT_TRAVEL: "m"}
 
 
 # Shapes.
