@@ -12,7 +12,7 @@ import pytest
 from conftest import Run
 
 import twosra_mpc.analysis.alternatives as alternatives_module
-import twosra_mpc.cli.comparisons as command
+import twosra_mpc.cli.explain_command as command
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import Alternative

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twosra_mpc import InputError, InputWarning, read_obstacles
+from twosra_mpc.lab.worlds.occupancy_map import OccupancyMap, obstacles_on, read_map
 from twosra_mpc.problem.world import Obstacle
-from twosra_mpc.space.occupancy_map import OccupancyMap, obstacles_on, read_map
 
 MAP = """# a map
 image: map.png

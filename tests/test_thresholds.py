@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc.lab.worlds.occupancy_map import read_map
 from twosra_mpc.problem.limits import body_gaps_m, workspace_margins
 from twosra_mpc.problem.tolerances import UNSEEN_M, kept_from_m
-from twosra_mpc.space.occupancy_map import read_map
 
 ROBOT = load_problem("paper-1").robot
 LIMITED = ROBOT.with_values(limits=ROBOT.limits.with_values(curvature_per_m=40.0))

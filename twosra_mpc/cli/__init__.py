@@ -43,12 +43,15 @@ from twosra_mpc.keys import near_number, near_word
 _COMMANDS = {
     "Plan": {
         "plan": ("cli.planning", "Plan a scenario, with a proved gap."),
-        "explain": ("cli.comparisons", "Say why a plan is what it is, and what others cost."),
+        "explain": ("cli.explain_command", "Say why a plan is what it is, and what others cost."),
         "check-passage": (
             "lab.commands.passage_command",
             "Say in which shapes the robot can drive to the goal.",
         ),
-        "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),
+        "compare": (
+            "lab.commands.compare_command",
+            "Plan scenarios by both planners, side by side.",
+        ),
     },
     "Thousands of plans": {
         "batch": (
@@ -96,7 +99,7 @@ _COMMANDS = {
             "lab.commands.curvature_command",
             "Measure how segments bend in thermal photographs.",
         ),
-        "import-map": ("cli.world_commands", "Turn a map of ROS into obstacles."),
+        "import-map": ("lab.commands.map_command", "Turn a map of ROS into obstacles."),
         "schema": ("cli.schema_command", "Print JSON Schemas of the files, for editors."),
     },
     "This installation": {

@@ -1,1 +1,1 @@
-"""Studies of worlds: which shapes of a grid pass them."""
+"""Worlds: maps of ROS as obstacles, and which shapes of a grid pass."""

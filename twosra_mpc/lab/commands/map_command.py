@@ -46,8 +46,11 @@ def import_map_command(
     Walls at most 5 mm thicker than on the map, without specks below 1 cm2:
       twosra import-map map.yaml --tolerance 0.005 --least-area 1e-4 --out lab.geojson
     """
+    from twosra_mpc.lab.worlds.occupancy_map import (  # shapely is slow to import
+        obstacles_on,
+        read_map,
+    )
     from twosra_mpc.problem.geojson import feature_collection
-    from twosra_mpc.space.occupancy_map import obstacles_on, read_map  # shapely is slow to import
 
     with output.progress("tracing the outlines of cells"):
         cells = read_map(map_file, unknown_is_free=unknown == "free")
