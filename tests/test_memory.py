@@ -30,7 +30,6 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "model/series.py": "_series: three series",
     "keys.py": "_words: of nothing",
     "lab/figures/paper_figures.py": "_plans, _published: five tasks",
-    "lab/paper/kept.py": "package_digest: of nothing",
     "lab/reproduction/simulations.py": "run: five simulations",
     "planning/relaxation.py": "rate, speed_m_s: modes of one problem, gone with its search",
     "timing/thermal_start.py": "least: gone once its segments have been asked for",

@@ -47,7 +47,7 @@ class Paper(Study):
         """Claims with their readings and verdicts, and the tables of each section."""
         sources = Sources(**located(Path(self.data))) if case.data else Sources()
         with tempfile.TemporaryDirectory() as folder:
-            made = reproduce(folder, sources, problems=self.problems, processes=1)
+            made = reproduce(folder, sources, problems=self.problems)
         return {
             "claims": [claim.document() for one in made.sections for claim in one.claims],
             "tables": {

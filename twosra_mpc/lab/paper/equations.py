@@ -14,8 +14,7 @@ from twosra_mpc.analysis.singular_shapes import condition_number, singular_shape
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.lab.bench.heater_loop import LinearMap
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
-from twosra_mpc.lab.paper.kept import Data, Part, Tell
-from twosra_mpc.lab.paper.section import Section
+from twosra_mpc.lab.paper.section import Data, Section, Tell
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS, Simulation
 from twosra_mpc.model.flow import roll_out
@@ -34,12 +33,8 @@ _LEAST_BEND_RAD = 0.2  # less is no bend to take a share of
 _WHERE = "section Kinematics; section Unified Jacobian Matrix"
 
 
-def part() -> Part:
-    """Return what the equations say and what geometry says."""
-    return Part("equations", {"robots": [_ROBOT, _PAPER_ROBOT]}, _compute)
-
-
-def _compute(_folder: Path, tell: Tell) -> Data:
+def compute(_folder: Path, tell: Tell) -> Data:
+    """Numbers by the equations and by geometry."""
     tell("holding the equations against geometry")
     robot = load_robot(_ROBOT)
     shapes = singular_shapes(robot)

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import plain_data
 from twosra_mpc.lab.figures.curvature_figure import plot_curvature
 from twosra_mpc.lab.figures.trial_figures import plot_spread
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
-from twosra_mpc.lab.paper.kept import Data, Part, Tell, digest
-from twosra_mpc.lab.paper.section import Picture, Section, Table
+from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
     ESTIMATORS,
@@ -36,31 +34,21 @@ _MISSING = (
 )
 
 
-def part(photographs: Path, column: str, camera: Camera) -> Part:
-    """Return the study of the photographs of a folder, with figures."""
+def compute(folder: Path, tell: Tell, photographs: Path, column: str, camera: Camera) -> Data:
+    """Measure the photographs of a folder, with figures."""
+    found = []
+    for pictures, references in folders_in(photographs):
+        name = pictures.name
 
-    def compute(folder: Path, tell: Tell) -> Data:
-        found = []
-        for pictures, references in folders_in(photographs):
-            name = pictures.name
+        def show(done: int, of: int, name: str = name) -> None:
+            tell(f"{name}: {done} of {of} photographs")
 
-            def show(done: int, of: int, name: str = name) -> None:
-                tell(f"{name}: {done} of {of} photographs")
-
-            found.append(estimate_folder(pictures, camera, (references, column), show))
-        tell("drawing the photographs")
-        every_one = [each for one in found for each in one]
-        plot_curvature(every_one, camera, folder / STEPS_FIGURE)
-        plot_spread(every_one, folder / SPREAD_FIGURE)
-        document: Data = plain_data(_numbers(found, camera))
-        return document
-
-    settings = {
-        "photographs": digest(photographs),
-        "column": column,
-        "camera": camera.model_dump(mode="json"),
-    }
-    return Part("curvature", settings, compute, (STEPS_FIGURE, SPREAD_FIGURE))
+        found.append(estimate_folder(pictures, camera, (references, column), show))
+    tell("drawing the photographs")
+    every_one = [each for one in found for each in one]
+    plot_curvature(every_one, camera, folder / STEPS_FIGURE)
+    plot_spread(every_one, folder / SPREAD_FIGURE)
+    return _numbers(found, camera)
 
 
 def folders_in(photographs: Path) -> list[tuple[Path, Path]]:

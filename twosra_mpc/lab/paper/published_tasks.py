@@ -20,8 +20,7 @@ from twosra_mpc.lab.figures.paper_figures import (
     plot_published_tasks,
 )
 from twosra_mpc.lab.paper.claims import Claim, equal, every
-from twosra_mpc.lab.paper.kept import Data, Part, Tell, digest
-from twosra_mpc.lab.paper.section import Picture, Section, Table, percent
+from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell, percent
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.problem.problem import load_problem
@@ -44,22 +43,17 @@ _CLONED, _CLONED_COLUMNS = "Data/simulation*.csv", ("x", "y", "phi", "k1", "k2",
 _LEFT = (0.05, 0.001)  # shares of what is missing at the start
 
 
-def part(simulations: Path | None) -> Part:
-    """Return runs and plans of the five tasks, beside the authors' trajectories, if given."""
-
-    def compute(folder: Path, tell: Tell) -> Data:
-        rows = {} if simulations is None else read_simulations(simulations)
-        data = {}
-        for task in TASKS:
-            tell(f"running and planning {task}")
-            data[task] = _compare(task, rows.get(task))
-        tell("drawing the five tasks")
-        plot_published_tasks(folder / TASKS_FIGURE)
-        plot_error_decrease(folder / ERROR_FIGURE)
-        return data
-
-    settings = {"simulations": None if simulations is None else digest(simulations)}
-    return Part("tasks", settings, compute, (TASKS_FIGURE, ERROR_FIGURE))
+def compute(folder: Path, tell: Tell, simulations: Path | None) -> Data:
+    """Run and plan the five tasks, beside the authors' trajectories, if given."""
+    rows = {} if simulations is None else read_simulations(simulations)
+    data = {}
+    for task in TASKS:
+        tell(f"running and planning {task}")
+        data[task] = _compare(task, rows.get(task))
+    tell("drawing the five tasks")
+    plot_published_tasks(folder / TASKS_FIGURE)
+    plot_error_decrease(folder / ERROR_FIGURE)
+    return data
 
 
 def simulated(task: str) -> PublishedTrajectory:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from twosra_mpc.lab.paper.claims import Claim
+
+Tell = Callable[[str], None]
+Data = dict[str, Any]  # plain data of a section, of which its claims, tables and figures are made
 
 
 @dataclass(frozen=True)

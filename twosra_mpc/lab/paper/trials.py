@@ -8,18 +8,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from twosra_mpc.files import plain_data
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
-from twosra_mpc.lab.paper.kept import Data, Kept, Part, Tell, digest
-from twosra_mpc.lab.paper.section import Picture, Section, Table
+from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell
 from twosra_mpc.lab.reproduction.hardware import (
     dtw_table,
     read_trials,
     trial_of,
-    trial_paths,
     waiting,
 )
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
@@ -46,40 +43,23 @@ _MISSING = (
 )
 
 
-def part(kept: Kept, logs: Path) -> Part:
-    """Return what the logs of a folder say, with figures; what each log says is kept by itself."""
-
-    def compute(folder: Path, tell: Tell) -> Data:
-        robot = load_robot("2sra-v1")
-        found, compared = {}, {}
-        for log in read_trials(logs, robot):
-            name = Path(log.source).stem
-            found[name] = kept.get(_one(name, log), tell)
-            if (number := trial_of(log)) is not None and number not in compared:
-                compared[number] = log
+def compute(folder: Path, tell: Tell, logs: Path) -> Data:
+    """Compare the logs of a folder with the simulations, with figures."""
+    found, compared = {}, {}
+    for log in read_trials(logs, load_robot("2sra-v1")):
+        name = Path(log.source).stem
+        tell(f"comparing {name} with the simulations")
+        found[name] = _log(log) | {"bends": _bends(log)}
+        if (number := trial_of(log)) is not None:
+            compared.setdefault(number, (log, found[name]["dtw"].published))
+    figures = []
+    if compared:
         tell("drawing the trials")
         simulated = {number: SIMULATIONS[number].run() for number in compared}
-        figures = []
-        if compared:
-            plot_trials(compared, simulated, folder / TRIALS_FIGURE)
-            ours = {
-                n: found[Path(log.source).stem]["dtw"]["published"] for n, log in compared.items()
-            }
-            plot_distances(DTW, ours, folder / DTW_FIGURE)
-            figures = [TRIALS_FIGURE, DTW_FIGURE]
-        return {"logs": found, "figures": figures}
-
-    given = {path.name: digest(path) for path in trial_paths(logs)}
-    return Part("trials", {"logs": given}, compute)
-
-
-def _one(name: str, log: MotionLog) -> Part:
-    def compute(_folder: Path, tell: Tell) -> Data:
-        tell(f"comparing {name} with the simulations")
-        said: Data = plain_data(_log(log) | {"bends": _bends(log)})
-        return said
-
-    return Part(f"trial-{name}", {"log": digest(Path(log.source))}, compute)
+        plot_trials({n: log for n, (log, _) in compared.items()}, simulated, folder / TRIALS_FIGURE)
+        plot_distances(DTW, {n: ours for n, (_, ours) in compared.items()}, folder / DTW_FIGURE)
+        figures = [TRIALS_FIGURE, DTW_FIGURE]
+    return {"logs": found, "figures": figures}
 
 
 def _log(log: MotionLog) -> Data:
@@ -195,7 +175,7 @@ def _in_order(part_of: list[Any], whole: list[Any]) -> bool:
 
 def _differences(trials: Trials) -> Claim:
     sequences = [sequence_name(one["sequence"]) for one in trials.values()]
-    times = [round(_total_s(one["waiting"])) for one in trials.values()]
+    times = [round(one["waiting"]["total_s"]) for one in trials.values()]
     return Claim(
         "The trials differ in modes and in time",
         _SECTION,
@@ -308,10 +288,6 @@ def _distinct(values: list[Any]) -> float | None:
     return len(set(values)) / len(values) if len(values) > 1 else None
 
 
-def _total_s(spent: Data) -> float:
-    return float(spent["first_heating_s"] + spent["waits_s"] + spent["motion_s"])
-
-
 def _waits(logs: Data) -> Table:
     rows = [
         (
@@ -321,14 +297,14 @@ def _waits(logs: Data) -> Table:
             f"{one['waiting']['first_heating_s']:z.0f}",
             f"{one['waiting']['waits_s']:z.0f}",
             f"{one['waiting']['motion_s']:z.0f}",
-            f"{_total_s(one['waiting']):z.0f}",
+            f"{one['waiting']['total_s']:z.0f}",
             f"{100 * one['waiting']['share_waiting']:z.1f} %",
         )
         for name, one in logs.items()
     ]
     published = [one["waiting"] for one in _trials(logs).values()]
     waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
-    total = sum(map(_total_s, published))
+    total = sum(one["total_s"] for one in published)
     if total:
         share = f"{100 * waited / total:z.1f} %"
         moved = f"{total - waited:z.0f}"

@@ -8,8 +8,7 @@ from typing import Any
 
 from twosra_mpc.lab.figures.path_figure import plot_paths
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal
-from twosra_mpc.lab.paper.kept import Data, Part, Tell
-from twosra_mpc.lab.paper.section import Picture, Section
+from twosra_mpc.lab.paper.section import Data, Picture, Section, Tell
 from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.path_fitting import CASES, fit_spirals
 
@@ -25,12 +24,8 @@ _LENGTHS_M = (0.01, 1.0)  # between which the paper varied l
 _HOLDS, _CAVEAT = 0.005, 0.05  # of the number that is printed
 
 
-def part() -> Part:
-    """Return the fit of the three spirals, and its figure."""
-    return Part("paths", {"robot": _ROBOT}, _compute, (FIGURE,))
-
-
-def _compute(folder: Path, tell: Tell) -> Data:
+def compute(folder: Path, tell: Tell) -> Data:
+    """Fit the three spirals, and draw them."""
     tell("fitting the spirals of Table I")
     robot = load_robot(_ROBOT)
     plot_paths(robot, folder / FIGURE)
