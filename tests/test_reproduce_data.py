@@ -15,7 +15,7 @@ from test_reproduce import CURVATURES, PHOTOGRAPHS, lab, write_simulations
 from twosra_mpc import InputError
 from twosra_mpc.lab.commands.reproduce_command import located
 from twosra_mpc.lab.paper.photographs import folders_in
-from twosra_mpc.lab.paper.published_tasks import read_simulations, simulated
+from twosra_mpc.lab.paper.published_tasks import SIMULATION_OF_TASK, read_simulations
 from twosra_mpc.lab.reproduction.hardware import trial_paths
 
 __all__ = ["lab"]  # a fixture
@@ -202,13 +202,15 @@ def test_clones_of_the_authors_repositories_are_read_as_they_are(data: Path) -> 
         references.rename(control / "ExpData" / f"exp_{named.lower()}_curvature.csv")
     (simulation / "Data").mkdir(parents=True)
     for number, task in enumerate(("paper-4", "paper-2"), 1):
-        run = simulated(task)
+        run = SIMULATION_OF_TASK[task].run_freely()
         rows = np.column_stack([run.q, run.mode]).tolist()
         lines = ["x,y,phi,k1,k2,s1,s2", *(",".join(map(repr, row)) for row in rows)]
         (simulation / "Data" / f"simulation{number}.csv").write_text("\n".join(lines))
     found = read_simulations(simulation)
     assert set(found) == {"paper-2", "paper-4"}
-    np.testing.assert_array_equal(found["paper-4"][:, :5], simulated("paper-4").q)
+    np.testing.assert_array_equal(
+        found["paper-4"][:, :5], SIMULATION_OF_TASK["paper-4"].run_freely().q
+    )
     assert [path.name for path in trial_paths(control)] == ["mainExperiment1_1.csv"]
     assert all(references.is_file() for _, references in folders_in(control))
     assert len(folders_in(control)) == len(list((control / "ExpData" / "TempPhotos").iterdir()))

@@ -13,22 +13,18 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import number, read_text, reading
 from twosra_mpc.lab.figures.paper_figures import (
-    STEP_OF_TASK_S,
-    STEP_S,
-    TASK_COLOURS,
+    SIMULATION_OF_TASK,
+    both_plans,
     plot_error_decrease,
     plot_published_tasks,
 )
 from twosra_mpc.lab.paper.claims import Claim, equal, every
 from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell, percent
-from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 
 TASKS_FIGURE, ERROR_FIGURE = "published-tasks.png", "error-decrease.png"
-TASKS = tuple(TASK_COLOURS)
+TASKS = tuple(SIMULATION_OF_TASK)
 # Mode sequences and numbers of recorded rows of the authors' simulated trajectories, repository
 # 2sr-agent-simulation (simulations 4, 2, 3, 1 and 5 are the paper's experiments 1 to 5).
 PUBLISHED: dict[str, tuple[tuple[Mode, ...], int]] = {
@@ -56,13 +52,6 @@ def compute(folder: Path, tell: Tell, simulations: Path | None) -> Data:
     return data
 
 
-def simulated(task: str) -> PublishedTrajectory:
-    """Run the published loop on a published task."""
-    problem = load_problem(task)
-    ends = problem.start.configuration, problem.goal.configuration
-    return published_trajectory(*ends, step_s=STEP_OF_TASK_S.get(task, STEP_S))
-
-
 def read_simulations(path: Path) -> dict[str, Array]:
     """Read recorded trajectories: a row a step, cases told apart by their column ``case``.
 
@@ -83,7 +72,7 @@ def read_simulations(path: Path) -> dict[str, Array]:
     else:
         values = _table(path, _COLUMNS)
         cases = [values[values[:, 0] == case, 1:] for case in np.unique(values[:, 0])]
-    starts = {task: load_problem(task).start.configuration for task in TASKS}
+    starts = {task: simulation.start for task, simulation in SIMULATION_OF_TASK.items()}
     return {
         task: case
         for case in cases
@@ -115,10 +104,8 @@ def _table(path: Path, columns: tuple[str, ...]) -> Array:
 
 
 def _compare(task: str, recorded: Array | None) -> dict[str, Any]:
-    run, problem = simulated(task), load_problem(task, robot="2sra-v1-paper")
-    greedy = plan(problem.with_values(planner="greedy")).require()
-    found = plan(problem).require()
-    target = problem.goal.configuration
+    simulation, (found, greedy) = SIMULATION_OF_TASK[task], both_plans(task)
+    run, target = simulation.run_freely(), simulation.goal
     rows = np.column_stack([run.q, run.mode])
     same = None
     if recorded is not None:

@@ -45,7 +45,8 @@ _MISSING = (
 
 def compute(folder: Path, tell: Tell, logs: Path) -> Data:
     """Compare the logs of a folder with the simulations, with figures."""
-    found, compared = {}, {}
+    found: Data = {}
+    compared: dict[int, tuple[MotionLog, tuple[float, ...]]] = {}
     for log in read_trials(logs, load_robot("2sra-v1")):
         name = Path(log.source).stem
         tell(f"comparing {name} with the simulations")
