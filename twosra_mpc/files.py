@@ -117,21 +117,6 @@ def read_text(path: Path, source: str) -> str:
     return text_of(read_bytes(path, source), source)
 
 
-def number(text: str | None, field: str, source: str) -> float:
-    """Return the number in a cell of a table.
-
-    Raises:
-        InputError: If it is none, or not finite, or beyond ``LARGEST``.
-    """
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= LARGEST:
-        raise InputError(field, text, f"a finite number, at most {LARGEST:zg} in size", source)
-    return value
-
-
 @contextmanager
 def reading(
     source: str, what: str = "file", allowed: str = "values that fit together"

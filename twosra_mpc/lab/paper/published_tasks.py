@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import number, read_text, reading
+from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.figures.paper_figures import (
     SIMULATION_OF_TASK,
     both_plans,
@@ -83,24 +82,7 @@ def read_simulations(path: Path) -> dict[str, Array]:
 
 def _table(path: Path, columns: tuple[str, ...]) -> Array:
     """Columns of a CSV file, (rows, columns)."""
-    source = str(path)
-    with reading(source, "simulations"):
-        table = [row for row in csv.reader(read_text(path, source).splitlines()) if row]
-        names = [name.strip() for name in table[0]] if table else []
-        for name in columns:
-            if names.count(name) != 1:
-                given = "missing" if name not in names else "given twice"
-                allowed = f"one each of the columns {', '.join(columns)}"
-                raise InputError(f"column {name}", given, allowed, source)
-        places = [names.index(name) for name in columns]
-        values = [
-            [
-                number(row[at] if at < len(row) else "", f"{names[at]}, row {index}", source)
-                for at in places
-            ]
-            for index, row in enumerate(table[1:], 1)
-        ]
-        return np.array(values).reshape(-1, len(columns))
+    return read_csv(path, columns, "simulations", least_rows=0).numbers(*columns)
 
 
 def _compare(task: str, recorded: Array | None) -> dict[str, Any]:
