@@ -16,15 +16,15 @@ from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
+    BAND_NAMES,
     ESTIMATORS,
     Estimate,
-    deviations,
     estimate_folder,
+    summary,
 )
 
 STEPS_FIGURE, SPREAD_FIGURE = "curvature-steps.png", "curvature-spread.png"
 _WHERE = "section Curvature Estimation"
-BANDS = (0.0, 10.0, 20.0, 35.0, 50.0, np.inf)  # |reference| [1/m]
 STRAIGHT_PER_M = 6.0  # below, the published steps hardly know anything
 MSE_PER_M2, SPREAD_PER_M, REPEATS = 41.32, 12.93, 5  # published
 _CLOSE = 0.02  # of a published number: what is drawn by lot moves them by 1 %
@@ -81,39 +81,16 @@ def _references(pictures: Path) -> Path:
 
 
 def _numbers(found: Sequence[Sequence[Estimate]], camera: Camera) -> dict[str, Any]:
-    every_one = [each for one in found for each in one]
-    measured = [(each, each.measured) for each in every_one if each.measured is not None]
-    reference = np.array([each.reference_per_m for each, _ in measured])
-    spread = np.array([m.published.spread_per_m for _, m in measured])
-    known = np.array([m.published.known for _, m in measured])
-    straight = np.abs(reference) < STRAIGHT_PER_M
-    fits = np.array([m.arc.fits for _, m in measured])
-    bands = {}
-    for name, field in ESTIMATORS.items():
-        off = np.array([getattr(each, field) for each, _ in measured]) - reference
-        inside = [(np.abs(reference) >= a) & (np.abs(reference) < b) for a, b in _pairs()]
-        bands[name] = [_mean(off[band & np.isfinite(off)] ** 2) for band in inside]
-    return {
-        "pictures": len(every_one),
-        "refused": len(every_one) - len(measured),
-        "deviations": deviations(found),
-        "mean_spread_per_m": _mean(spread[np.isfinite(spread)]),
-        "known_when_straight": _mean(known[straight]),
-        "bands_mse_per_m2": bands,
+    pairs = ((each.reference_per_m, each.measured) for one in found for each in one)
+    measured = [(reference, known) for reference, known in pairs if known is not None]
+    reference = np.array([reference for reference, _ in measured])
+    known = np.array([known.published.known for _, known in measured])
+    straight = known[np.abs(reference) < STRAIGHT_PER_M]
+    return summary(found) | {
+        "known_when_straight": float(straight.mean()) if len(straight) else None,
         "bend_range_rad": [float(b) * camera.length_m for b in (reference.min(), reference.max())],
-        "share_compatible_with_an_arc": float(fits.mean()),
-        "median_scatter_m": float(np.median([m.arc.scatter_m for _, m in measured])),
-        "largest_scatter_m": max(m.arc.scatter_m for _, m in measured),
         "length_m": camera.length_m,
     }
-
-
-def _pairs() -> list[tuple[float, float]]:
-    return list(itertools.pairwise(BANDS))
-
-
-def _mean(values: Any) -> float | None:
-    return float(np.mean(values)) if len(values) else None
 
 
 def section(data: Data | None) -> Section:
@@ -173,7 +150,7 @@ def _of_errors(got: Data) -> tuple[Claim, ...]:
                 equal(
                     "single photographs",
                     SPREAD_PER_M,
-                    got.get("mean_spread_per_m"),
+                    got.get("published_mean_spread_per_m"),
                     "1/m",
                     holds=_CLOSE * SPREAD_PER_M,
                     caveat=0.1 * SPREAD_PER_M,
@@ -255,7 +232,8 @@ def _of_arcs(got: Data) -> tuple[Claim, ...]:
 def _growing(data: Data, name: str) -> float | None:
     """Share of the pairs of bands that are in order; None without two of them."""
     errors = [e for e in data.get("bands_mse_per_m2", {}).get(name, ()) if e is not None]
-    return _mean([a < b for a, b in itertools.combinations(errors, 2)])
+    pairs = [a < b for a, b in itertools.combinations(errors, 2)]
+    return float(np.mean(pairs)) if pairs else None
 
 
 def _bands(data: Data) -> Table:
@@ -265,16 +243,6 @@ def _bands(data: Data) -> Table:
         errors = [off["mse_per_m2"], off["cycle_mse_per_m2"], *data["bands_mse_per_m2"][name]]
         cells = ["-" if error is None else f"{error:z.1f}" for error in errors]
         rows.append((name, str(off["pictures"]), f"{off['slope']:z.3f}", *cells))
-    header = (
-        "estimator",
-        "photographs",
-        "slope",
-        "MSE [1/m2]",
-        "of mean repeats",
-        *(
-            f"from {low:zg}" if high == np.inf else f"{low:zg} to {high:zg}"
-            for low, high in _pairs()
-        ),
-    )
+    header = ("estimator", "photographs", "slope", "MSE [1/m2]", "of mean repeats", *BAND_NAMES)
     refused = f"; {data['refused']} of {data['pictures']} refused" if data["refused"] else ""
     return Table(f"Mean square error, by size of the reference [1/m]{refused}", header, tuple(rows))
