@@ -13,6 +13,7 @@ from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.identified_robot import write_identified_robot
+from twosra_mpc.lab.identification.log_fit import Residuals
 from twosra_mpc.lab.identification.log_response import CORRECTED_S
 from twosra_mpc.lab.identification.transition_fit import (
     SHORTEST_S,
@@ -220,7 +221,8 @@ def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
         "standard_errors": fit.standard_errors,
         "residuals": fit.residuals,
         "held_out": fit.held_out,
-        "models": fit.rows,
+        "own_residuals": fit.own_residuals,
+        "held_out_rms_C": fit.held_out_rms_C,
         "scores": _scores(scores),
     }
 
@@ -236,14 +238,15 @@ def _print_fit(
 ) -> None:
     _print_parameters(fit, own)
     rows = [
-        (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
-        for row in fit.rows
+        ("as fitted", *_residuals(fit.residuals), _digits(fit.held_out_rms_C)),
+        (f"as in {fit.robot}, heater law fitted", *_residuals(fit.own_residuals), "-"),
+        *((f"as fitted, on {at.source}", *_residuals(of.residuals), "-") for at, of in scores),
     ]
-    for unseen, found in scores:
-        rows.append((f"two nodes, fitted; on {unseen.source}", "0", *_residuals(found), "-"))
-    print_table(("residual of the model", "fitted", *_HEADER, "cycles left out, RMS [C]"), rows)
+    print_table(("residual of the segment", *_HEADER, "cycles left out, RMS [C]"), rows)
     if fit.held_out:
-        left_out = [(f"cycle {part.cycle + 1}", *_residuals(part)) for part in fit.held_out]
+        left_out = [
+            (f"cycle {part.cycle + 1}", *_residuals(part.residuals)) for part in fit.held_out
+        ]
         print_table(("left out of the fit", *_HEADER), left_out)
     else:
         click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
@@ -260,7 +263,7 @@ def _print_scores(robot: Robot, scores: Scores) -> None:
     rows = []
     for log, found in scores:
         law = f"K_p {found.law.gain_per_K:z.4f} 1/K, duty at 54 C {found.law.duty_at_54C:z.3f}"
-        rows.append((log.source, *_residuals(found), law))
+        rows.append((log.source, *_residuals(found.residuals), law))
     print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
 
 
@@ -280,8 +283,7 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
     print_table(header, rows)
 
 
-def _residuals(of: thermal_fit.Row | thermal_fit.HeldOut | thermal_fit.Score) -> tuple[str, ...]:
-    found = of.residuals
+def _residuals(found: Residuals) -> tuple[str, ...]:
     values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
     return tuple(_digits(value) for value in values)
 
