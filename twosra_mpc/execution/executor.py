@@ -244,9 +244,9 @@ class _Execution:
         session.rest(self._as_they_become(), session.period_s)  # no wheel turns meanwhile
         if (stuck := self._wait_for_metal()) is not None:
             return stuck
-        if self.mission.holding is not None:  # no soft robot holds anything
-            if (stuck := self._cool()) is not None:
-                return stuck
+        holds = self.mission.holding is not None  # no soft robot holds anything
+        if holds and (stuck := self._cool()) is not None:
+            return stuck
         self.mission.look()
         found = self._planned()
         if isinstance(found, str) and session.guard is not None and any(session.mode or ()):
