@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from twosra_mpc.lab.paper.claims import Claim, Reading
-from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell, percent
+from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plotting import plot_plan
@@ -59,18 +59,10 @@ def section(data: Data) -> Section:
         )
         for name, one in planned.items()
     ]
-    return Section(
-        name="applications",
-        title="Applications",
-        words=(
-            "The paper shows photographs of both. Here they are missions, planned for the robot"
-            " 2sra-v1 with the time that melting and freezing take.",
-        ),
-        claims=tuple(claims),
-        tables=(Table("Plans", _HEADER, tuple(rows), 2),),
-        pictures=tuple(
-            Picture(f"{name}.png", f"To {words}")
-            for name, words in SCENARIOS.items()
-            if name in planned
-        ),
+    return declared(
+        "applications",
+        data,
+        (Table("Plans", _HEADER, tuple(rows), 2),),
+        [f"{name}.png" for name in planned],
+        others=claims,
     )

@@ -12,8 +12,7 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.figures.curvature_figure import plot_curvature
 from twosra_mpc.lab.figures.trial_figures import plot_spread
-from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
-from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell
+from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
     BAND_NAMES,
@@ -24,14 +23,7 @@ from twosra_mpc.lab.photographs.study import (
 )
 
 STEPS_FIGURE, SPREAD_FIGURE = "curvature-steps.png", "curvature-spread.png"
-_WHERE = "section Curvature Estimation"
 STRAIGHT_PER_M = 6.0  # below, the published steps hardly know anything
-MSE_PER_M2, SPREAD_PER_M, REPEATS = 41.32, 12.93, 5  # published
-_CLOSE = 0.02  # of a published number: what is drawn by lot moves them by 1 %
-_MISSING = (
-    "Give a folder with folders of photographs, each with a CSV file of references of its name:"
-    " --photographs FOLDER, or --data with curvature/ in it."
-)
 
 
 def compute(folder: Path, tell: Tell, photographs: Path, column: str, camera: Camera) -> Data:
@@ -95,143 +87,33 @@ def _numbers(found: Sequence[Sequence[Estimate]], camera: Camera) -> dict[str, A
 
 def section(data: Data | None) -> Section:
     """Compare with the paper; without photographs say what to give."""
-    return Section(
-        name="curvature",
-        title="Constant curvature",
-        words=(
-            "The curvature of the soft segment in each photograph, by the published steps and by"
-            " least squares of one arc, against that measured by camera and markers. Two of the"
-            " published steps are not in the paper: points without an estimate are left out, and"
-            " the repeats are averaged.",
-        ),
-        claims=_claims(data),
-        tables=() if data is None else (_bands(data),),
-        pictures=()
-        if data is None
-        else (
-            Picture(
-                SPREAD_FIGURE,
-                "Mean curvature along the segment against the reference; bands"
-                " are the spread along it",
-            ),
-            Picture(STEPS_FIGURE, "Photograph, contour, medial line and arc of five photographs"),
-        ),
-        missing="" if data is not None else _MISSING,
-    )
+    if data is None:
+        return declared("curvature", None, missing=True)
+    figures = (SPREAD_FIGURE, STEPS_FIGURE)
+    return declared("curvature", _found(data), (_bands(data),), figures)
 
 
-def _claims(data: Data | None) -> tuple[Claim, ...]:
-    got: Data = {} if data is None else data
-    return (*_of_errors(got), *_of_the_test(got), *_of_arcs(got))
-
-
-def _of_errors(got: Data) -> tuple[Claim, ...]:
-    published = got.get("deviations", {}).get("published", {})
-    mse = {"holds": _CLOSE * MSE_PER_M2, "caveat": 0.1 * MSE_PER_M2}
-    return (
-        Claim(
-            "The mean square error is 41.32",
-            f"{_WHERE}; Fig. 7(d)",
-            (
-                equal(
-                    "means of the repeats",
-                    MSE_PER_M2,
-                    published.get("cycle_mse_per_m2"),
-                    "1/m2",
-                    **mse,
-                ),
-                equal("single photographs", MSE_PER_M2, published.get("mse_per_m2"), "1/m2", **mse),
-            ),
-        ),
-        Claim(
-            "The mean standard deviation along the segment is 12.93",
-            f"{_WHERE}; Fig. 7(d)",
-            (
-                equal(
-                    "single photographs",
-                    SPREAD_PER_M,
-                    got.get("published_mean_spread_per_m"),
-                    "1/m",
-                    holds=_CLOSE * SPREAD_PER_M,
-                    caveat=0.1 * SPREAD_PER_M,
-                ),
-            ),
-        ),
-    )
-
-
-def _of_the_test(got: Data) -> tuple[Claim, ...]:
-    published = got.get("deviations", {}).get("published", {})
-    low, high = got.get("bend_range_rad", (None, None))
-    return (
-        Claim(
-            "The test was repeated five times",
-            _WHERE,
-            (
-                equal(
-                    "loads and unloads found in the references, both directions",
-                    2 * REPEATS,
-                    published.get("cycles"),
-                    caveat=1.0,
-                ),
-            ),
-        ),
-        Claim(
-            "The segment was bent from -pi to pi",
-            _WHERE,
-            (
-                equal("least bend", -np.pi, low, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
-                equal("largest bend", np.pi, high, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
-            ),
-        ),
-    )
-
-
-def _of_arcs(got: Data) -> tuple[Claim, ...]:
-    scatter, length = got.get("median_scatter_m"), got.get("length_m")
-    return (
-        Claim(
-            "Small curvatures agree, and the difference grows with the bend",
-            _WHERE,
-            (
-                every(
-                    f"points with an estimate, below {STRAIGHT_PER_M:zg} 1/m",
-                    got.get("known_when_straight"),
-                ),
-                every(
-                    "published steps: pairs of bands in which the more bent has the larger error",
-                    _growing(got, "published"),
-                ),
-                every("arc: the same", _growing(got, "arc")),
-            ),
-            "Where the segment lies along the picture's rows the published steps know nothing and"
-            " say nearly zero, whatever it does.",
-        ),
-        Claim(
-            "Constant curvature represents the segment adequately",
-            _WHERE,
-            (
-                every(
-                    "photographs compatible with one arc (p of 0.05 and more)",
-                    got.get("share_compatible_with_an_arc"),
-                ),
-                Reading(
-                    "median distance of the medial line from its arc, of the segment's length",
-                    0.0,
-                    100 * scatter / length if scatter and length else None,
-                    "%",
-                    1.0,
-                    5.0,
-                    "at most",
-                ),
-            ),
-        ),
-    )
+def _found(data: Data) -> Data:
+    """Numbers that the claims are about."""
+    published, scatter_m = data["deviations"]["published"], data["median_scatter_m"]
+    return {
+        "mse_of_repeats": published["cycle_mse_per_m2"],
+        "mse": published["mse_per_m2"],
+        "mean_spread": data["published_mean_spread_per_m"],
+        "cycles": published["cycles"],
+        "least_bend": data["bend_range_rad"][0],
+        "largest_bend": data["bend_range_rad"][1],
+        "known_when_straight": data["known_when_straight"],
+        "published_growing": _growing(data, "published"),
+        "arc_growing": _growing(data, "arc"),
+        "compatible_with_an_arc": data["share_compatible_with_an_arc"],
+        "scatter": 100 * scatter_m / data["length_m"] if scatter_m else None,
+    }
 
 
 def _growing(data: Data, name: str) -> float | None:
     """Share of the pairs of bands that are in order; None without two of them."""
-    errors = [e for e in data.get("bands_mse_per_m2", {}).get(name, ()) if e is not None]
+    errors = [each for each in data["bands_mse_per_m2"][name] if each is not None]
     pairs = [a < b for a, b in itertools.combinations(errors, 2)]
     return float(np.mean(pairs)) if pairs else None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,7 @@ from twosra_mpc.lab.figures.paper_figures import (
     plot_error_decrease,
     plot_published_tasks,
 )
-from twosra_mpc.lab.paper.claims import Claim, equal, every
-from twosra_mpc.lab.paper.section import Data, Picture, Section, Table, Tell, percent
+from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 
@@ -121,64 +119,23 @@ def _row(missing: Array, left: float) -> int:
 def section(data: Data) -> Section:
     """Compare runs with what was published."""
     of = {task: data[task] for task in TASKS}
-    given = any(of[task]["largest_difference"] is not None for task in TASKS)
-    missing = "Trajectories: give the authors' simulations with --simulations FILE."
-    return Section(
-        name="tasks",
-        title="Five pose-shape tasks",
-        words=(
-            "Algorithm 1 is run as published, on the model as published (steps of 0.05 s; 0.1 s for"
-            " task 5, which its authors' data need). It has no time for melting and freezing. The"
-            " table has what both planners take with it, for the robot as the paper models it.",
-        ),
-        claims=tuple(_claims(of)),
-        tables=(_runs(of), _durations(of)),
-        pictures=(
-            Picture(
-                TASKS_FIGURE, "The five tasks, as published (top) and as planned here (bottom)"
-            ),
-            Picture(
-                ERROR_FIGURE,
-                "Decrease of the distance to the target: in the published loop, and in time with"
-                " all waits",
-            ),
-        ),
-        missing="" if given else missing,
-    )
-
-
-def _claims(of: dict[str, Any]) -> Iterator[Claim]:
-    """Claims of the paper on the five simulations, beside what they do here."""
-    figure, five = "Fig. 6(a)", "of the five tasks"
-    sequences, lengths = (
-        float(np.mean([_as_published(task, of[task])[at] for task in TASKS])) for at in (0, 1)
-    )
-    reached = float(np.mean([of[task]["distance_left"] == 0.0 for task in TASKS]))
-    last = {left: float(np.mean([of[task]["last"][str(left)] for task in TASKS])) for left in _LEFT}
-    yield Claim(
-        "The five simulations use these modes, in this order", figure, (every(five, sequences),)
-    )
-    yield Claim("The five simulations have so many recorded rows", figure, (every(five, lengths),))
-    name = "largest difference of any coordinate (m, rad, 1/m) or mode"
-    differences = {task: of[task]["largest_difference"] for task in TASKS}
-    same = tuple(
-        equal(f"{task}: {name}", 0.0, difference, holds=1e-9, caveat=1e-2)
-        for task, difference in differences.items()
-    )
-    yield Claim("The five simulations take these trajectories", figure, same)
-    to_the_bit = every("of the five tasks, to the last bit", reached)
-    yield Claim("The simulated planner meets its targets", "Algorithm 1", (to_the_bit,))
-    later = tuple(
-        every(
-            f"{five}: {100 * (1 - left):zg} % of x and y done later than of the shape", last[left]
-        )
-        for left in _LEFT
-    )
-    yield Claim(
-        "x and y are what the planner fits last",
-        "section Pose-Shape Formation",
-        later,
-        "The shape is bent first, then a rigid phase makes up for what is left in x and y.",
+    differences = {task: one["largest_difference"] for task, one in of.items()}
+    sequences, lengths = zip(*(_as_published(*each) for each in of.items()), strict=True)
+    found = differences | {
+        "sequences": np.mean(sequences),
+        "rows": np.mean(lengths),
+        "reached": np.mean([one["distance_left"] == 0.0 for one in of.values()]),
+        **{
+            f"last_{left}": np.mean([one["last"][str(left)] for one in of.values()])
+            for left in _LEFT
+        },
+    }
+    return declared(
+        "tasks",
+        found,
+        (_runs(of), _durations(of)),
+        (TASKS_FIGURE, ERROR_FIGURE),
+        missing=set(differences.values()) == {None},
     )
 
 
