@@ -38,6 +38,11 @@ def built_in_names(folder: str) -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
+def data_file(path: str) -> str:
+    """Text of a file of the package, e.g. ``report/page.css``."""
+    return (_PACKAGE / path).read_text(encoding="utf-8")
+
+
 def locate(source: str | Path, folder: str, field: str) -> Path:
     """Find a built-in by name, or a user's file by path.
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from twosra_mpc.files import data_file
 from twosra_mpc.lab.paper.claims import Claim, Reading, every
-from twosra_mpc.report.page import data_file
 
 Tell = Callable[[str], None]
 Data = dict[str, Any]  # plain data of a section, of which its claims, tables and figures are made
@@ -90,7 +90,7 @@ def declared(
 
 @cache
 def _paper() -> dict[str, Any]:
-    return tomllib.loads(data_file("paper.toml", "lab/paper"))
+    return tomllib.loads(data_file("lab/paper/paper.toml"))
 
 
 def _claim(
