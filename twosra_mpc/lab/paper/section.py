@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 from twosra_mpc.files import data_file
@@ -75,7 +74,7 @@ def declared(
         missing: Whether to say what to give.
         others: Claims that are not declared, shown first.
     """
-    about = _paper()[name]
+    about = tomllib.loads(data_file("lab/paper/paper.toml"))[name]
     claims = (_claim(found, **one) for one in about.get("claims", ()))
     return Section(
         name=name,
@@ -86,11 +85,6 @@ def declared(
         pictures=tuple(Picture(file, about["pictures"][file]) for file in pictures),
         missing=about["missing"] if missing else "",
     )
-
-
-@cache
-def _paper() -> dict[str, Any]:
-    return tomllib.loads(data_file("lab/paper/paper.toml"))
 
 
 def _claim(
