@@ -68,6 +68,11 @@ class Output:
             yield lambda text: spinner.update(text)
 
 
+def counting(tell: Tell, words: str) -> Callable[[int, int], None]:
+    """What is told how many of how many are done, for a line of progress that begins so."""
+    return lambda done, of: tell(f"{words} {done} of {of}")
+
+
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         return str(round(value, 6) + 0.0)  # no minus zero

@@ -30,7 +30,14 @@ from twosra_mpc.cli.options import (
     out_argument,
     rate_option,
 )
-from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.output import (
+    EXIT_BAD_INPUT,
+    EXIT_NO_PLAN,
+    EXIT_PLANNED,
+    Output,
+    counting,
+    print_table,
+)
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.robot_chain import urdf
@@ -297,11 +304,7 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
     from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
 
     with output.progress("animating") as tell:
-
-        def show(done: int, total: int) -> None:
-            tell(f"animating: frame {done} of {total}")
-
-        animate_plan(made, out, duration_s=seconds, on_progress=show)
+        animate_plan(made, out, duration_s=seconds, on_progress=counting(tell, "animating: frame"))
     document = {"file": str(out), "bytes": out.stat().st_size}
     output.record((made.robot.name, "animation"), document)
     return EXIT_PLANNED

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
-from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.cli.output import Output, counting, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
@@ -79,15 +79,8 @@ def estimate_curvature_command(
     with output.progress("reading pictures") as tell:
         for number, folder in enumerate(folders):
             given = (references[number], column) if references else None
-            name = folder.name
-            found.append(
-                estimate_folder(
-                    folder,
-                    camera,
-                    given,
-                    lambda n, m, name=name: tell(f"{name}: {n} of {m} pictures"),  # type: ignore[misc]
-                )
-            )
+            told = counting(tell, f"{folder.name}: picture")
+            found.append(estimate_folder(folder, camera, given, told))
         every = [each for one in found for each in one]
         if csv is not None:
             save_estimates(every, csv)

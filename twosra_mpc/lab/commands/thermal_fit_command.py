@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
-from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.cli.output import Output, counting, print_table
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.identified_robot import write_identified_robot
@@ -111,7 +111,7 @@ def fit_thermal_command(
         output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
         return
     with output.progress("fitting") as tell:
-        told = lambda n, m: tell(f"fitting: {n} of {m} done")  # noqa: E731
+        told = counting(tell, "fitting: fit")
         fit = thermal_fit.identify(recorded, described, told, segment - 1)
         if out is not None:
             write_identified_robot(robot, out, fit, segment - 1)
@@ -143,9 +143,8 @@ def _fit_transitions(
     """Fit melts and freezes, and tell every one of them."""
     logged = read_transitions(log, readings, robot.geometry.segments)
     with output.progress("fitting") as tell:
-        fit = identify_transitions(
-            logged, robot, str(log), lambda n, m: tell(f"fitting: {n} of {m} done"), segment
-        )
+        told = counting(tell, "fitting: fit")
+        fit = identify_transitions(logged, robot, str(log), told, segment)
         if out is not None:
             write_identified_robot(source, out, fit, segment)
     own, air_C = thermal_fit.two_node_segment(robot, segment), robot.heater.ambient_C
