@@ -178,47 +178,33 @@ def _distinct(values: list[Any]) -> float | None:
 
 def _waits(logs: Data) -> Table:
     rows = [
-        (
-            name,
-            "-" if one["trial"] is None else str(one["trial"]),
-            sequence_name(one["sequence"]),
-            f"{one['waiting']['first_heating_s']:z.0f}",
-            f"{one['waiting']['waits_s']:z.0f}",
-            f"{one['waiting']['motion_s']:z.0f}",
-            f"{one['waiting']['total_s']:z.0f}",
-            f"{100 * one['waiting']['share_waiting']:z.1f} %",
-        )
+        (name, str(one["trial"] or "-"), sequence_name(one["sequence"]), *_times(one["waiting"]))
         for name, one in logs.items()
     ]
     published = [one["waiting"] for one in _trials(logs).values()]
-    waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
-    total = sum(one["total_s"] for one in published)
-    if total:
-        share = f"{100 * waited / total:z.1f} %"
-        moved = f"{total - waited:z.0f}"
+    if published:
+        waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
+        total = sum(one["total_s"] for one in published)
+        together = {"motion_s": total - waited, "total_s": total, "share_waiting": waited / total}
         rows.append(
-            (
-                f"{len(published)} trials together",
-                "",
-                "",
-                "",
-                f"{waited:z.0f}",
-                moved,
-                f"{total:z.0f}",
-                share,
-            )
+            (f"{len(published)} trials together", "", "", "", f"{waited:z.0f}", *_times(together))
         )
-    header = (
-        "log",
-        "trial",
-        "modes",
-        "first heating [s]",
-        "waits [s]",
-        "motion [s]",
-        "all [s]",
-        "waiting",
-    )
+    header = ("log", "trial", "modes", *(f"{words} [s]" for words in _TIMES.values()), "waiting")
     return Table("Where the time went", header, tuple(rows), numbers=3)
+
+
+_TIMES = {
+    "first_heating_s": "first heating",
+    "waits_s": "waits",
+    "motion_s": "motion",
+    "total_s": "all",
+}
+
+
+def _times(of: Data) -> list[str]:
+    """What is known of times, and the share that is waiting."""
+    known = [f"{of[name]:z.0f}" for name in _TIMES if name in of]
+    return [*known, f"{100 * of['share_waiting']:z.1f} %"]
 
 
 def _deviations(trials: Trials) -> Table:
