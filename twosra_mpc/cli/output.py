@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import sys
@@ -71,6 +72,11 @@ class Output:
 def counting(tell: Tell, words: str) -> Callable[[int, int], None]:
     """What is told how many of how many are done, for a line of progress that begins so."""
     return lambda done, of: tell(f"{words} {done} of {of}")
+
+
+def digits(value: float | None, places: int) -> str:
+    """A number in a table; a dash where it is not known."""
+    return "-" if value is None or math.isnan(value) else f"{value:z.{places}f}"
 
 
 def _cell(value: Any) -> str:

@@ -15,7 +15,6 @@ from twosra_mpc.cli.output import (
     EXIT_PLANNED,
     EXIT_UNSEEN,
     Output,
-    Tell,
     print_table,
 )
 from twosra_mpc.execution.run import Ending, Run
@@ -129,7 +128,7 @@ def stream_command(
                     confirm=Confirm(confirm),
                     poses=poses,
                     log=log,
-                    on_state=_Progress(tell),
+                    on_state=lambda state: tell(_where(state)),
                 )
             return _told(plan, run, output)
 
@@ -146,15 +145,10 @@ def _told(plan: Plan, run: Run, output: Output) -> int:
     return EXIT_UNSEEN if run.ending is Ending.UNSEEN else EXIT_NO_PLAN
 
 
-class _Progress:
-    """Tells where a stream is."""
-
-    def __init__(self, tell: Tell) -> None:
-        self._tell = tell
-
-    def __call__(self, state: StreamState) -> None:
-        known = f"  ({state.known})" if state.known else ""
-        self._tell(f"{state.time_s:z7.1f} s  {state.during}{known}")
+def _where(state: StreamState) -> str:
+    """Where a stream is, in a line."""
+    known = f"  ({state.known})" if state.known else ""
+    return f"{state.time_s:z7.1f} s  {state.during}{known}"
 
 
 def _print_drives(plan: Plan, run: Run) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
-from twosra_mpc.cli.output import Output, counting, print_table
+from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
@@ -143,7 +143,12 @@ def _print(found: list[list[Estimate]]) -> None:
         _print_deviations(of)
     else:
         rows = [
-            (each.path.name, _digits(each.published_per_m), _digits(each.arc_per_m), _error(each))
+            (
+                each.path.name,
+                digits(each.published_per_m, 1),
+                digits(each.arc_per_m, 1),
+                _error(each),
+            )
             for each in every
             if not each.refused
         ]
@@ -160,7 +165,7 @@ def _print(found: list[list[Estimate]]) -> None:
 def _print_deviations(of: dict[str, Any]) -> None:
     rows = []
     for name, off in of["deviations"].items():
-        bands = [_digits(error) for error in of["bands_mse_per_m2"][name]]
+        bands = [digits(error, 1) for error in of["bands_mse_per_m2"][name]]
         of_cycles = f"{off.cycle_mse_per_m2:z.2f} ({off.cycles})" if off.cycles else "-"
         each = (f"{off.pictures}", f"{off.mse_per_m2:z.2f}", f"{off.slope:z.3f}")
         rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))
@@ -169,8 +174,4 @@ def _print_deviations(of: dict[str, Any]) -> None:
 
 
 def _error(each: Estimate) -> str:
-    return _digits(each.measured.arc.standard_error_per_m) if each.measured else "-"
-
-
-def _digits(value: float | None) -> str:
-    return "-" if value is None or math.isnan(value) else f"{value:z.1f}"
+    return digits(each.measured.arc.standard_error_per_m, 1) if each.measured else "-"

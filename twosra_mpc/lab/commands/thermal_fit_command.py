@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
-from twosra_mpc.cli.output import Output, counting, print_table
+from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.identified_robot import write_identified_robot
@@ -237,7 +236,7 @@ def _print_fit(
 ) -> None:
     _print_parameters(fit, own)
     rows = [
-        ("as fitted", *_residuals(fit.residuals), _digits(fit.held_out_rms_C)),
+        ("as fitted", *_residuals(fit.residuals), digits(fit.held_out_rms_C, 3)),
         (f"as in {fit.robot}, heater law fitted", *_residuals(fit.own_residuals), "-"),
         *((f"as fitted, on {at.source}", *_residuals(of.residuals), "-") for at, of in scores),
     ]
@@ -284,8 +283,4 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
 
 def _residuals(found: Residuals) -> tuple[str, ...]:
     values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
-    return tuple(_digits(value) for value in values)
-
-
-def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:z.3f}"
+    return tuple(digits(value, 3) for value in values)
