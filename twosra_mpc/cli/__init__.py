@@ -96,7 +96,7 @@ _COMMANDS = {
             "lab.commands.curvature_command",
             "Measure how segments bend in thermal photographs.",
         ),
-        "import-map": ("cli.world_commands", "Turn a map of ROS into obstacles."),
+        "import-map": ("cli.descriptions", "Turn a map of ROS into obstacles."),
         "schema": ("cli.schema_command", "Print JSON Schemas of the files, for editors."),
     },
     "This installation": {

@@ -1,4 +1,4 @@
-"""Commands that describe robots and problems: their lists, checks, and new files."""
+"""Commands that describe robots and problems: their lists, checks, new files, and maps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc.cli.options import FILE, ROBOT, command
+from twosra_mpc.cli.options import FILE, ROBOT, Finite, choice_option, command, ending, file_option
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import (
@@ -18,6 +18,7 @@ from twosra_mpc.files import (
     data_file,
     locate,
     read_text,
+    write_json,
     write_text,
 )
 from twosra_mpc.keys import near_word
@@ -208,3 +209,53 @@ def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
         return [f"twosra plan {file} --out {plan}", f"twosra verify {plan}"]
     scenario = "three-segments" if source == "3sra" else "rigid-move"
     return [f"twosra check-robot {file}", f"twosra plan {scenario} --robot {file}"]
+
+
+_SIZE = Finite(min=0.0)
+
+
+@command("import-map")
+@click.argument("map_file", metavar="MAP", type=FILE)
+@file_option("--out", "Write the obstacles (GeoJSON).", ending(".geojson", ".json"))
+@choice_option("What to take cells for that are neither.", ("occupied", "free"), "--unknown")
+@click.option("--tolerance", type=_SIZE, metavar="M", help="How far walls may grow; one cell.")
+@click.option(
+    "--least-area", type=_SIZE, default=0.0, metavar="M2", help="Leave out specks that are smaller."
+)
+def import_map_command(
+    map_file: Path,
+    out: Path | None,
+    unknown: str,
+    tolerance: float | None,
+    least_area: float,
+    output: Output,
+) -> None:
+    """Turn MAP, a map of ROS (map.yaml beside its image), into obstacles.
+
+    Outlines are only ever moved outwards, so nothing that is occupied is lost.
+
+    \b
+    Obstacles for a scenario, which then says obstacles = "lab.geojson":
+      twosra import-map map.yaml --out lab.geojson
+    Walls at most 5 mm thicker than on the map, without specks below 1 cm2:
+      twosra import-map map.yaml --tolerance 0.005 --least-area 1e-4 --out lab.geojson
+    """
+    from twosra_mpc.problem.geojson import feature_collection
+    from twosra_mpc.space.occupancy_map import obstacles_on, read_map  # shapely is slow to import
+
+    with output.progress("tracing the outlines of cells"):
+        cells = read_map(map_file, unknown_is_free=unknown == "free")
+        found, specks = obstacles_on(cells, map_file.stem, tolerance, least_area)
+    if out is not None:
+        write_json(out, feature_collection(found))
+    rows, columns = cells.occupied.shape
+    record = {
+        "cells": [columns, rows],
+        "cell_m": cells.cell_m,
+        "occupied_cells": int(cells.occupied.sum()),
+        "unknown_cells": int(cells.unknown.sum()),
+        "obstacles": len(found),
+        "corners": sum(len(each.corners_m) for each in found),
+        "specks_left_out": specks,
+    }
+    output.record((map_file.name, "what was found"), record)
