@@ -65,7 +65,10 @@ def _given(study: Study, log: RunLog, folder: Path) -> dict[str, Any]:
     """All that templates may ask for."""
     results = results_of(study, log)
     given = {"study": study, "results": results, "cpu_s": sum(log.cpu_s), "about": log.about}
-    return {**given, **study.report(results, folder)}
+    told = study.report(results)
+    for file, draw in told.pop("figures", {}).items():
+        draw(folder / file)
+    return {**given, **told}
 
 
 def _cells(table: str) -> list[tuple[str, ...]]:

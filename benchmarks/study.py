@@ -5,7 +5,6 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, TypeAdapter
@@ -52,7 +51,7 @@ class Study(Value, abc.ABC):
     a case measures is a record, a value that ``record`` writes as plain data and reads back.
     """
 
-    record: ClassVar[TypeAdapter[Any]]
+    record: ClassVar[TypeAdapter[Any]] = TypeAdapter(dict[str, Any])
     question: ClassVar[str]
     measures: ClassVar[tuple[str, ...]] = PLANNING  # folders; a table says which have changed
 
@@ -64,9 +63,12 @@ class Study(Value, abc.ABC):
     def run(self, case: Any) -> Any:
         """Measure a case; returns its record."""
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
-        """Draw figures into ``folder``; return what the template asks for besides the results."""
-        del results, folder
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
+        """What the template asks for besides the results.
+
+        As ``figures``, for each file what draws it at a path.
+        """
+        del results
         return {}
 
 

@@ -112,15 +112,13 @@ def test_scenes_are_reproducible_and_leave_start_and_goal_room() -> None:
             assert min(problem.workspace.margin_m(part).min() for part in parts) > LEAST_CLEARANCE_M
 
 
-def test_memory_that_grows_is_told_per_robot(tmp_path: Path) -> None:
+def test_memory_that_grows_is_told_per_robot() -> None:
     study = STUDIES["soak"].with_values(count=2, robots=2, time_limit_s=0.01)
     made = [Measured(case, study.run(case)) for case in study.cases()]
     assert all(record["plans"] == 1 and record["files"] < 100 for _, record in made)
     for number, (_, record) in enumerate(made):
         record["MB"] = 100.0 + 7.0 * number
-    rows = study.report(
-        [*made, made[-1]._replace(record={**made[-1].record, "MB": 114.0})], tmp_path
-    )
+    rows = study.report([*made, made[-1]._replace(record={**made[-1].record, "MB": 114.0})])
     assert rows["slope"] == pytest.approx(7.0)
     assert [plans for _, plans, _ in rows["rows"]] == [1, 2, 3]
 
@@ -386,7 +384,7 @@ def test_the_sweep_draws_its_figures_and_tells_whether_the_sequence_changes(tmp_
     other = replace(read(fast["record"]), sequence=(RIGID, SOFT_1))
     cases = list(study.cases())
     results = list(zip(cases, (read(slow["record"]), other), strict=True))
-    assert study.report(results, tmp_path)["different"] == 1
+    assert study.report(results)["different"] == 1
 
 
 def test_the_closed_loop_names_what_did_not_work(tmp_path: Path) -> None:

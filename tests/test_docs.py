@@ -17,8 +17,7 @@ from twosra_mpc.cli import options
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
-from twosra_mpc.lab.paper.kept import Kept, Tell
-from twosra_mpc.lab.paper.pieces import Study, random_problems
+from twosra_mpc.lab.reproduction.random_problems import Kind, RandomRun, random_runs
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
 
@@ -84,7 +83,7 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
     monkeypatch.setattr(options, "load_problem", load_briefly)
-    monkeypatch.setattr(statistics, "random_problems", few_problems)
+    monkeypatch.setattr(statistics, "random_runs", few_runs)
     monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
     proved.save(tmp_path / "plan.json")
     return tmp_path
@@ -95,8 +94,8 @@ def load_briefly(asked: str, **overrides: Any) -> Problem:
     return load_problem(asked, **{"work_limit": 4500.0, **overrides})
 
 
-def few_problems(kept: Kept, _problems: int, _processes: int, tell: Tell) -> Study:
-    return random_problems(kept, 3, 1, tell)
+def few_runs(_problems: int, kind: Kind) -> list[RandomRun]:
+    return random_runs(3, kind)
 
 
 def write_files(page: Path, folder: Path) -> None:

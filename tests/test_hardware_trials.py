@@ -14,7 +14,6 @@ from scipy.spatial.distance import cdist
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.reproduction import hardware
-from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
@@ -23,16 +22,16 @@ from twosra_mpc.robot.description import load_robot
 Array = NDArray[np.float64]
 HEADER = "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
 # Phases of the published trials by their logs (2sr-agent-control, exp1 to exp5): mode, first and
-# last second, rows; then totals, shares and rows of the padded simulation as computed from them.
+# last second, rows; then totals and shares as computed from them.
 TRIALS = {
     1: (
         [("11", 0, 7, 99), ("01", 509, 511, 42), ("10", 1013, 1015, 23), ("00", 1315, 1323, 121)],
-        *(1423, 0.987, 131),
+        *(1423, 0.987),
     ),
-    2: ([("10", 0, 38, 558), ("00", 338, 345, 106)], 447, 0.899, 535),
-    3: ([("11", 0, 23, 339), ("00", 323, 325, 31)], 425, 0.941, 212),
-    4: ([("01", 0, 11, 111), ("00", 311, 313, 18)], 415, 0.969, 4),
-    5: ([("01", 0, 14, 219), ("00", 315, 317, 34)], 419, 0.962, 177),
+    2: ([("10", 0, 38, 558), ("00", 338, 345, 106)], 447, 0.899),
+    3: ([("11", 0, 23, 339), ("00", 323, 325, 31)], 425, 0.941),
+    4: ([("01", 0, 11, 111), ("00", 311, 313, 18)], 415, 0.969),
+    5: ([("01", 0, 14, 219), ("00", 315, 317, 34)], 419, 0.962),
 }
 each_trial = pytest.mark.parametrize("trial", TRIALS)
 
@@ -102,15 +101,6 @@ def test_a_log_is_of_the_trial_whose_simulation_starts_there(trial: int) -> None
 # --- time warping -----------------------------------------------------------------------------
 
 
-@each_trial
-def test_the_simulation_is_padded_to_the_averaged_log(trial: int) -> None:
-    log, short = log_of(trial), simulated(SIMULATIONS[trial].run().q)
-    if len(log.q) < 300:  # others take seconds
-        row = dtw_table(log, short)
-        assert (row.rows, row.padded) == (len(log.q), TRIALS[trial][3])
-    assert len(log.q) - 14 - len(short.q) == TRIALS[trial][3]
-
-
 def test_the_published_recipe_step_by_step() -> None:
     rng = np.random.default_rng(3)
     q, end = rng.normal(size=(19, 5)), rng.normal(size=(3, 5))
@@ -122,7 +112,6 @@ def test_the_published_recipe_step_by_step() -> None:
             list(enumerate((np.array(v) - np.mean(v)) / np.std(v, ddof=1))) for v in (means, padded)
         )
         assert row.published[column] == pytest.approx(warped(mine, theirs))
-    assert row.padded == 2
 
 
 @pytest.mark.parametrize(("rows", "others"), [(1, 1), (1, 4), (5, 1), (7, 3), (30, 41)])
@@ -174,19 +163,16 @@ def test_distances_are_refused_where_they_cannot_be_had(monkeypatch: pytest.Monk
 
 @each_trial
 def test_where_the_time_of_the_trials_went(trial: int) -> None:
-    _, total_s, waiting_share, _ = TRIALS[trial]
+    phases, total_s, waiting_share = TRIALS[trial]
     log = log_of(trial)
     found = waiting(log, SIMULATIONS[trial].goal)
     assert found.total_s == pytest.approx(total_s)
     assert found.share_waiting == pytest.approx(waiting_share, abs=0.0006)
     assert found.final_error == pytest.approx((0.0,) * 5, abs=1e-12)
-    rule = fixed_waits_s(found.sequence)
-    logged = [phase.wait_s for phase in found.phases]
-    assert logged[0] == rule[0]
-    for mine, theirs in zip(logged, rule, strict=False):
-        assert mine == pytest.approx(theirs, abs=1.0)  # clocks of 1 s
+    assert ["".join(map(str, mode)) for mode in found.sequence] == [mode for mode, *_ in phases]
+    assert found.first_heating_s == {1: 102.0, 2: 100.0}[sum(found.sequence[0])]
+    assert found.motion_s == pytest.approx(sum(end - begin for _, begin, end, _ in phases))
     assert found.waits_s + found.motion_s == pytest.approx(log.time_s[-1])
-    assert sum(phase.motion_s for phase in found.phases) == pytest.approx(found.motion_s)
 
 
 def test_all_published_trials_waited_for_96_percent_of_their_time() -> None:
@@ -195,22 +181,6 @@ def test_all_published_trials_waited_for_96_percent_of_their_time() -> None:
     assert waited == pytest.approx(3011.0)
     assert sum(each.total_s for each in found) == pytest.approx(3129.0)
     assert found[0].final_error == ()
-
-
-@pytest.mark.parametrize(
-    ("sequence", "waits_s"),
-    [
-        ("00", (0, 0)),
-        ("10 00", (102, 300, 0)),
-        ("11 00", (100, 300, 0)),
-        ("10 01 00", (102, 502, 300, 0)),  # 904 s
-        ("11 10 01 00", (100, 502, 502, 300, 0)),  # 1404 s
-        ("00 01 11", (0, 102, 500, 300)),
-    ],
-)
-def test_fixed_waits(sequence: str, waits_s: tuple[float, ...]) -> None:
-    modes = tuple((int(mode[0]), int(mode[1])) for mode in sequence.split())
-    assert fixed_waits_s(modes) == waits_s
 
 
 def test_goals_and_robots_that_do_not_fit_are_refused() -> None:

@@ -29,9 +29,8 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "cli/doctor.py": "_packages_of_modules: of nothing",
     "model/series.py": "_series: three series",
     "keys.py": "_words: of nothing",
-    "lab/figures/paper_figures.py": "_plans, _published: five tasks",
-    "lab/paper/kept.py": "package_digest: of nothing",
-    "lab/reproduction/simulations.py": "run: five simulations",
+    "lab/figures/paper_figures.py": "both_plans: five tasks",
+    "lab/reproduction/simulations.py": "run, run_freely: five simulations",
     "planning/relaxation.py": "rate, speed_m_s: modes of one problem, gone with its search",
     "timing/thermal_start.py": "least: gone once its segments have been asked for",
 }

@@ -148,7 +148,7 @@ def test_a_resumed_run_computes_only_what_is_missing(
     assert begun[4:] == ["third"]
 
 
-def test_a_crash_is_no_time(rows: dict[str, PlanRecord], tmp_path: Path) -> None:
+def test_a_crash_is_no_time(rows: dict[str, PlanRecord]) -> None:
     """Neither in its row nor in the summary, which are of those that answered."""
     answers = {"paper-1": "nothing found", "paper-2": CRASHED, "paper-3": f"{BROKE_DOWN}why"}
     results = []
@@ -157,7 +157,7 @@ def test_a_crash_is_no_time(rows: dict[str, PlanRecord], tmp_path: Path) -> None
         took = Timing(1.0, (1.0,), (1.0,)) if status == CRASHED else rows[OURS].timing
         made = dataclasses.replace(rows["enumeration"], status=status, timing=took)
         results.append(Measured(Case(label, "peer"), made))
-    told = TINY.report(results, tmp_path)["rivals"]
+    told = TINY.report(results)["rivals"]
     assert [row["crashed"] for row in told] == [False, True, True]
     assert [row[name] for row in told for name in ("wall_ratio", "cpu_ratio")] == [
         *(1.0, 1.0, None, None, None, None)

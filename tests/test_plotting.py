@@ -30,6 +30,7 @@ from twosra_mpc import (
     plan,
     plotting,
 )
+from twosra_mpc.files import data_file
 from twosra_mpc.lab.figures.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
 from twosra_mpc.plans.trajectory import Phase, stiffness_intervals
 from twosra_mpc.plotting import (
@@ -60,7 +61,6 @@ from twosra_mpc.plotting.figures import (
     UNIT_COLOURS,
 )
 from twosra_mpc.plotting.plane import robot_artists
-from twosra_mpc.report.page import data_file
 from twosra_mpc.robot.modes import MODES, Mode
 
 ROBOT = load_robot("2sra-v1")
@@ -147,7 +147,7 @@ def test_colours_are_told_apart_by_those_who_do_not_see_red_or_green(
 
 
 def test_the_report_has_the_colours_of_the_figures() -> None:
-    style = data_file("page.css")
+    style = data_file("report/page.css")
     named = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR, "melting": CHANGING_COLOUR}
     named |= {"freezing": FREEZING_COLOUR, "trace-4": MIDDLE_COLOUR, "heater": HEATER_COLOUR}
     for name, shade in named.items():

@@ -18,7 +18,6 @@ from twosra_mpc.lab.figures.paper_figures import (
     MODES,
     PAPER_FIGURES,
     START,
-    STEP_S,
     TASK_COLOURS,
     plot_error_decrease,
     plot_forward_kinematics,
@@ -77,7 +76,7 @@ def test_the_error_of_the_published_loop_is_its_own() -> None:
     left = error_decrease().axes[0]
     for line, task in zip(left.lines[::2], TASK_COLOURS, strict=True):
         problem = load_problem(task)
-        step_s = 0.1 if task == "paper-5" else STEP_S
+        step_s = 0.1 if task == "paper-5" else 0.05
         goal = problem.goal.configuration
         run = published_trajectory(problem.start.configuration, goal, step_s=step_s)
         expected = np.linalg.norm(run.q - goal, axis=1)

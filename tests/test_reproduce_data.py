@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -15,12 +14,8 @@ from test_reproduce import CURVATURES, PHOTOGRAPHS, lab, write_simulations
 
 from twosra_mpc import InputError
 from twosra_mpc.lab.commands.reproduce_command import located
-from twosra_mpc.lab.paper import Sources, pieces, reproduce
-from twosra_mpc.lab.paper.kept import Kept
-from twosra_mpc.lab.paper.paper_report import PARTS
 from twosra_mpc.lab.paper.photographs import folders_in
-from twosra_mpc.lab.paper.pieces import random_problems
-from twosra_mpc.lab.paper.published_tasks import read_simulations, simulated
+from twosra_mpc.lab.paper.published_tasks import SIMULATION_OF_TASK, read_simulations
 from twosra_mpc.lab.reproduction.hardware import trial_paths
 
 __all__ = ["lab"]  # a fixture
@@ -124,8 +119,8 @@ def test_mistakes_in_data_are_named_and_leave_nothing(mistake: str, data: Path, 
     for each in words:
         assert each in err
     left = [path.name for path in Path("paper").rglob("*") if path.is_file()]
-    # Whole parts before the mistake, if any.
-    done = {"trials.json", "trial-mine.json", "trials.png", "dtw.png"}
+    # Whole figures before the mistake, if any.
+    done = {"trials.png", "dtw.png"}
     assert set(left) <= (set() if spoil_is_in_logs(mistake) else done)
 
 
@@ -159,7 +154,6 @@ def test_simulations_of_other_tasks_are_left_out(tmp_path: Path) -> None:
         (("--length", 0), "length_m = 0.0"),
         (("--towards", "37"), "two numbers"),
         (("--problems", 0), "problems = 0"),
-        (("--processes", 0), "processes = 0"),
         (("--data", "nowhere"), "hardware/ or curvature/"),
         (("--logs", "nowhere"), "nowhere"),
         (("--photographs", "nowhere"), "nowhere"),
@@ -184,35 +178,6 @@ def test_a_report_needs_a_folder_that_can_be(run: Run, tmp_path: Path) -> None:
     assert run("reproduce", "--out", "file").code == 2
 
 
-# --- interrupts and processes --------------------------------------------------------------------
-
-
-def test_an_interrupt_keeps_the_pieces_that_are_done(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pieces, "PIECE", 1)
-    (tmp_path / PARTS).mkdir()
-    folder, said = Kept(tmp_path / PARTS), []
-
-    def interrupt(text: str) -> None:
-        said.append(text)
-        if len(said) == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        random_problems(folder, 3, 1, interrupt)
-    files = {path.name: path.stat().st_mtime_ns for path in folder.folder.iterdir()}
-    assert len(files) == 2
-    study = random_problems(folder, 3, 1, said.append)
-    assert said[-1] == "random problems: 6 of 6"
-    assert len(said) == 2 + 4
-    for name, written_ns in files.items():
-        assert (folder.folder / name).stat().st_mtime_ns == written_ns
-    assert [one.seed for one in study.single_mode] == [0, 1, 2]
-    assert [one.seed for one in study.generic] == [0, 1, 2]
-    assert [one.seed for one in study.optimal] == [0, 1, 2]
-
-
 def test_an_interrupted_command_says_so(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -221,38 +186,6 @@ def test_an_interrupted_command_says_so(run: Run, monkeypatch: pytest.MonkeyPatc
     code, out, err = run("reproduce", "--out", "paper")
     assert (code, out) == (130, "")
     assert err == "twosra: interrupted before there was a result"
-
-
-def test_two_processes_find_what_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pieces, "PIECE", 1)
-    found = []
-    for processes in (1, 2):
-        folder = tmp_path / f"{processes}"
-        folder.mkdir()
-        study = random_problems(Kept(folder), 2, processes, lambda _: None)
-        costs = [(one.seed, one.status, round(one.cost, 6)) for one in study.optimal]
-        found.append((study.single_mode, study.generic, str(costs)))
-    assert found[0] == found[1]
-
-
-def test_an_interrupt_ends_the_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pieces, "PIECE", 1)
-
-    def interrupt(_: str) -> None:
-        raise KeyboardInterrupt
-
-    before = set(multiprocessing.active_children())
-    with pytest.raises(KeyboardInterrupt):
-        random_problems(Kept(tmp_path), 400, 2, interrupt)
-    assert set(multiprocessing.active_children()) <= before
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_numbers_of_problems_and_processes_are_checked(tmp_path: Path) -> None:
-    for wrong in ({"problems": 0}, {"processes": 0}):
-        with pytest.raises(InputError, match="1 or more"):
-            reproduce(tmp_path, Sources(), **wrong)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_clones_of_the_authors_repositories_are_read_as_they_are(data: Path) -> None:
@@ -269,13 +202,15 @@ def test_clones_of_the_authors_repositories_are_read_as_they_are(data: Path) -> 
         references.rename(control / "ExpData" / f"exp_{named.lower()}_curvature.csv")
     (simulation / "Data").mkdir(parents=True)
     for number, task in enumerate(("paper-4", "paper-2"), 1):
-        run = simulated(task)
+        run = SIMULATION_OF_TASK[task].run_freely()
         rows = np.column_stack([run.q, run.mode]).tolist()
         lines = ["x,y,phi,k1,k2,s1,s2", *(",".join(map(repr, row)) for row in rows)]
         (simulation / "Data" / f"simulation{number}.csv").write_text("\n".join(lines))
     found = read_simulations(simulation)
     assert set(found) == {"paper-2", "paper-4"}
-    np.testing.assert_array_equal(found["paper-4"][:, :5], simulated("paper-4").q)
+    np.testing.assert_array_equal(
+        found["paper-4"][:, :5], SIMULATION_OF_TASK["paper-4"].run_freely().q
+    )
     assert [path.name for path in trial_paths(control)] == ["mainExperiment1_1.csv"]
     assert all(references.is_file() for _, references in folders_in(control))
     assert len(folders_in(control)) == len(list((control / "ExpData" / "TempPhotos").iterdir()))

@@ -10,36 +10,12 @@ from matplotlib.colors import to_rgba
 from photographs import camera, write_folder
 from test_reproduce import CURVATURES, TRIAL, write_log
 
-from twosra_mpc.lab.figures.study_figures import plot_error_curves
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_spread, plot_trials
 from twosra_mpc.lab.identification.motion_log import read_motion_log
 from twosra_mpc.lab.paper.trials import DTW
 from twosra_mpc.lab.photographs.study import estimate_folder
-from twosra_mpc.lab.reproduction.greedy_statistics import (
-    StudyProblem,
-    published_study,
-)
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.description import load_robot
-from twosra_mpc.robot.modes import MODES
-
-PROBLEMS = 12
-
-
-@pytest.fixture(scope="module")
-def problems() -> list[StudyProblem]:
-    return list(published_study(range(PROBLEMS)))
-
-
-def test_curves_are_medians_of_their_mode(problems: list[StudyProblem]) -> None:
-    for ax, mode in zip(plot_error_curves(problems).axes, MODES, strict=True):
-        group = [one for one in problems if one.target_mode == mode]
-        assert f"({len(group)})" in ax.get_title()
-        if group:
-            _, fk, planner = ax.lines
-            for line, curves in ((fk, "fk_error"), (planner, "error")):
-                median = np.median([getattr(one, curves) for one in group], axis=0)
-                np.testing.assert_allclose(line.get_ydata(), median)
 
 
 def test_trials_are_drawn_row_by_row_and_their_error_over_time(tmp_path: Path) -> None:

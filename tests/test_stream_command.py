@@ -254,6 +254,12 @@ def test_without_pyserial_the_error_says_how_to_install_it(
     assert install_command("serial") in outcome.err
 
 
+def test_its_help_has_the_time_of_silence_and_how_to_install_what_it_needs(run: Run) -> None:
+    _, told, _ = run("stream", "--help")
+    assert f"within {Patience().listen_s:g} s" in " ".join(told.split())
+    assert install_command("serial") in told
+
+
 def test_errors_survive_pickling() -> None:
     import pickle
 

@@ -563,7 +563,7 @@ def resident_bytes() -> int:
 
 def test_many_steps_whatever_is_measured(planned: Planned) -> None:
     of = planned("paper-1")
-    tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=0.2))
+    tracker = Tracker(of.robot)
     tracker.reset(of)
     rng = np.random.default_rng(3)
     phases = [None, *range(len(of.phases))]
@@ -656,7 +656,6 @@ def test_what_does_not_fit_together_is_refused_by_name(planned: Planned) -> None
         ("horizon", {"horizon": 7.5}),
         ("rate_Hz", {"rate_Hz": 0.0}),
         ("rate_Hz", {"rate_Hz": math.nan}),
-        ("limits.dead_zone_rad_s", {"limits": TrackerLimits(dead_zone_rad_s=11.0)}),
     ],
 )
 def test_bad_settings_are_refused_by_name(field: str, values: dict[str, Any]) -> None:
@@ -706,32 +705,6 @@ def test_heaters_follow_the_plan(planned: Planned) -> None:
         at = max(int(np.searchsorted(samples.t_s, time_s, side="right")) - 1, 0)
         command = tracker.step(Measurement(time_s, None, np.zeros(5)))
         np.testing.assert_array_equal(command.heater_setpoint_C, samples.heater_setpoint_C[at])
-
-
-def test_no_wheel_is_told_to_turn_slower_than_it_can(planned: Planned) -> None:
-    of = planned("paper-2", robot="2sra-v1-paper")  # whose wheels may change as fast as asked here
-    zone = 1.5
-    tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=zone, wheel_rate_rad_s2=1e4))
-    tracker.reset(of)
-    q, seen = configuration(of, 0.0) + DEVIATION, set()
-    for k in range(60):
-        command = tracker.step(Measurement(k * tracker.period_s, 0, q))
-        wheels = np.abs(command.wheel_rad_s)
-        assert ((wheels == 0) | (wheels >= zone)).all()
-        seen |= {"zone" for w in wheels if w == zone} | {"rest" for w in wheels if w == 0}
-        q = moved(tracker, RIGID, q, command.v)
-    assert seen == {"zone", "rest"}
-
-
-def test_the_dead_zone_yields_to_the_rate_limit(planned: Planned) -> None:
-    of = planned("paper-2", robot="2sra-v1-paper")
-    limits = TrackerLimits(dead_zone_rad_s=3.0, wheel_rate_rad_s2=15.0)
-    tracker = Tracker(of.robot, limits=limits)
-    tracker.reset(of)
-    q = configuration(of, 0.0)
-    for k in range(20):
-        before = tracker.last_command
-        check(tracker.step(Measurement(k * tracker.period_s, 0, q)), before, tracker)
 
 
 def test_two_trackers_do_not_disturb_each_other(planned: Planned) -> None:

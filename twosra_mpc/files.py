@@ -38,6 +38,11 @@ def built_in_names(folder: str) -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
+def data_file(path: str) -> str:
+    """Text of a file of the package, e.g. ``report/page.css``."""
+    return (_PACKAGE / path).read_text(encoding="utf-8")
+
+
 def locate(source: str | Path, folder: str, field: str) -> Path:
     """Find a built-in by name, or a user's file by path.
 
@@ -115,21 +120,6 @@ def text_of(data: bytes, source: str) -> str:
 def read_text(path: Path, source: str) -> str:
     """Read a UTF-8 text file, as `read_bytes` and `text_of` do."""
     return text_of(read_bytes(path, source), source)
-
-
-def number(text: str | None, field: str, source: str) -> float:
-    """Return the number in a cell of a table.
-
-    Raises:
-        InputError: If it is none, or not finite, or beyond ``LARGEST``.
-    """
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= LARGEST:
-        raise InputError(field, text, f"a finite number, at most {LARGEST:zg} in size", source)
-    return value
 
 
 @contextmanager

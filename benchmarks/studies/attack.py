@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, TypeAdapter
@@ -92,7 +91,7 @@ class AttackStudy(Study):
         slack = None if broken else made.slack(max(claim.bound for claim in found))
         return AttackRecord(*told, slack, broken, status=status)
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Records by every feature they have."""
         kinds: dict[str, list[AttackRecord]] = {"all": [made for _, made in results]}
         for _, made in results:

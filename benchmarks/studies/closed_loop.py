@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import BeforeValidator, TypeAdapter
+from pydantic import BeforeValidator
 
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import RUNNING, Count, Measured, Study
@@ -48,7 +47,6 @@ class ClosedLoop(Study):
         plant: What robots are simulated by: exact arcs, or a rigid-body engine.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do plans reach their goals on robots that are not as described?"
     measures: ClassVar = RUNNING
 
@@ -80,9 +78,8 @@ class ClosedLoop(Study):
         off = not log.wheel_rad_s[-1].any() and bool((log.setpoint_C[-1] <= rigid_C).all())
         return {**done.metrics._asdict(), "planned_s": planned_s, "over_planned": over, "off": off}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Runs that melted or froze more than their plans asked for."""
-        del folder
         ran = [found for found in results if found.record["ending"] != UNPLANNED]
         ours = [made for case, made in ran if case.executor == "optimal"]
         around = [made for _, made in ran if made.get("least_clearance_m") is not None]

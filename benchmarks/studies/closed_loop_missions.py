@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
-
-from pydantic import TypeAdapter
 
 from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
@@ -32,7 +29,6 @@ class ClosedLoopMissions(Study):
         seeds: Robots.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do missions end with the object at its goal, or stopped with a reason?"
     measures: ClassVar = RUNNING
 
@@ -51,9 +47,8 @@ class ClosedLoopMissions(Study):
         done = simulate(made.problem, plan=made, disturbance=self.level, seed=case.seed).metrics
         return {**done._asdict(), "planned_s": made.duration_s, "came_to": came_to(done._asdict())}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Runs by what they came to."""
-        del folder
         return {
             "runs": {
                 name: [each for each in results if each.record["came_to"] == name]

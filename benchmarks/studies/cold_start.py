@@ -13,6 +13,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -109,11 +110,10 @@ class ColdStart(Study):
         planned["exit"] = time.monotonic() - planned.pop("ended")  # one clock for all processes
         return RoundRecord(wall_s, cpu_s, _by_package(new), planned)
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Medians of ratios, and the breakdown."""
         records = [made for _, made in results]
         parts = breakdown(records)
-        figures.draw_cold_start(parts, folder / "cold-start.png")
         ratios = {
             name: [
                 statistics.median(times[name] / times[CASADI] for times in of_all)
@@ -122,7 +122,10 @@ class ColdStart(Study):
             for name in AT_MOST
         }
         commands = (PLAN, IMPORT, VERSION, HELP, CASADI, NOTHING)
-        return {"commands": commands, "parts": parts, "ratios": ratios, "at_most": AT_MOST}
+        return {
+            **{"commands": commands, "parts": parts, "ratios": ratios, "at_most": AT_MOST},
+            "figures": {"cold-start.png": partial(figures.draw_cold_start, parts)},
+        }
 
 
 def breakdown(records: Sequence[RoundRecord]) -> dict[str, float]:

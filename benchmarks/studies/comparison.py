@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -50,7 +49,7 @@ class Comparison(PlanStudy):
         records = {name: plan_record(*made[name]) for name in (OPTIMAL, GREEDY)}
         return {**records, PUBLISHED: _published_record(problem, *made[PUBLISHED])}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Distributions of wall time and cost ratio; means and ratios."""
         planners = {name: {case.problem: one[name] for case, one in results} for name in PLANNERS}
         ours, greedy = planners[OPTIMAL], planners[GREEDY]
@@ -62,9 +61,11 @@ class Comparison(PlanStudy):
         pairs = {
             name: [*zip(planners[name].values(), ours.values(), strict=True)] for name in PLANNERS
         }
-        figures.draw_wall_times(planners, folder / "wall-time.png")
-        figures.draw_cost_ratios(ours, greedy, ratios, folder / "cost-ratio.png")
         return {
+            "figures": {
+                "wall-time.png": partial(figures.draw_wall_times, planners),
+                "cost-ratio.png": partial(figures.draw_cost_ratios, ours, greedy, ratios),
+            },
             "planners": planners,
             "means": {name: self._mean_s([*made.values()]) for name, made in planners.items()},
             "ratios": ratios,

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, TypeAdapter
+from pydantic import BeforeValidator
 
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import RUNNING, Count, Measured, Study
@@ -50,7 +49,6 @@ class Departure(Study):
         seeds: Robots each problem is run on.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "How far do runs leave the paths of their plans?"
     measures: ClassVar = RUNNING
 
@@ -93,9 +91,8 @@ class Departure(Study):
                     found["needed_m"].append(needed)
         return {"ending": str(run.ending), **found}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Quantiles of departures by level."""
-        del folder
         rows = []
         for level in self.levels:
             of_level = [made for case, made in results if case.level == level]

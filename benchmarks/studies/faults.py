@@ -10,11 +10,10 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Field, TypeAdapter
+from pydantic import BeforeValidator, Field
 
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot
 from benchmarks.problems import Choices, labelled
@@ -48,7 +47,6 @@ class Faults(Study):
         first: Seed of the first run of each fault.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Does every run with a fault end truly, and leave the robot off?"
     measures: ClassVar = RUNNING
 
@@ -73,9 +71,8 @@ class Faults(Study):
         begins = float(rng.uniform(0.0, made.duration_s))
         return attacked(made, case.executor, case.fault, case.seed, begins)
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Sum up by fault; list the runs that ended as they should not."""
-        del folder
         found = {
             (drives, fault): [
                 made for case, made in results if (case.executor, case.fault) == (drives, fault)

@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from pydantic import TypeAdapter
-
 from benchmarks.study import Count, Study
 
 _TESTS = str(Path(__file__).parents[2] / "tests")
@@ -37,7 +35,6 @@ class Files(Study):
         count: Files of each kind and mutation; stops of each command.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Does the program say what is wrong with a file, and leave no half of one?"
     measures: ClassVar = ("twosra_mpc", "tests")
 

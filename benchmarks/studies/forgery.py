@@ -86,7 +86,7 @@ class ForgeryStudy(Study):
         with tempfile.TemporaryDirectory() as folder:
             return tried(planned(case.problem), case.seed, Path(folder))
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Records of those that were verified."""
         return {"verified": [made for _, made in results if made.verified]}
 

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from benchmarks.study import Count, Measured, Numbers, Study
 from twosra_mpc import InputError, Problem, load_problem, plan
@@ -40,7 +38,6 @@ class Goals(Study):
         time_limit_s: Of each plan.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Is every goal planned or refused, and none given up that has no shape?"
 
     scenario: str = "paper-1"
@@ -78,9 +75,8 @@ class Goals(Study):
         goal = asked.goal.with_values(kappa_per_m=tuple(middle.tolist()), tolerance=tolerance)
         return asked.with_values(goal=goal), free
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Goals by verdict, and those that are wrong."""
-        del folder
         records = [each.record for each in results]
         verdicts = sorted({record["verdict"] for record in records})
         wrong = [

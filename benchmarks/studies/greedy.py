@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
-from pydantic import TypeAdapter
-
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import OneProblem, Study
 from twosra_mpc import plan
@@ -27,7 +25,6 @@ class Greedy(Study):
         exact: Whether goals are met exactly; else as nearly as the robot's accuracy asks.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "What does the greedy rule take, and what does this planner, proved?"
 
     problems: Choices = ("published-default",)

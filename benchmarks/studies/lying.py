@@ -11,10 +11,9 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import BeforeValidator, TypeAdapter
+from pydantic import BeforeValidator
 
 from benchmarks.lying import LIES, watched
 from benchmarks.study import RUNNING, Count, Measured, Study
@@ -42,7 +41,6 @@ class Lying(Study):
         lasts_s: Longest run.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "How hot does metal get under a sensor that lies?"
     measures: ClassVar = RUNNING
 
@@ -62,9 +60,8 @@ class Lying(Study):
         found = asdict(watched(load_robot(self.robot), case.seed, case.lie, self.lasts_s))
         return {key: each for key, each in found.items() if each == each}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Sum up by lie."""
-        del folder
         rows = []
         for lie in (*self.lies, ""):
             made = [record for case, record in results if case.lie == lie]

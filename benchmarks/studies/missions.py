@@ -10,17 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter
 
-from benchmarks.measurement import timed_in_turns
+from benchmarks.measurement import Timing, timed_in_turns
 from benchmarks.studies.scenes import blocks
 from benchmarks.study import Count, Counts, Measured, Numbers, Study
 from twosra_mpc import InputError, Problem, load_problem, plan
 from twosra_mpc.analysis.goal_by_goal import goal_by_goal
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.validation import NonNegative, Positive
@@ -51,7 +50,6 @@ class Missions(Study):
         gap: Asked of each plan.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Several goals as one plan: how much is saved, how good, how fast?"
 
     count: Count = 2
@@ -75,18 +73,11 @@ class Missions(Study):
         """Plan a mission as one, and goal by goal or with shapes taken at their nearest."""
         problem = self.mission(case)
         result, timing = timed_in_turns({"plan": partial(plan, problem)}, 1, 1e-9)["plan"]
-        found: dict[str, Any] = {
-            "verified": result.found and result.require().verification.ok,
-            "cost": result.plan and result.plan.cost.total,
-            "gap": result.gap,
-            "cpu_s": timing.cpu_median_s,
-            "message": result.message,
-            "reshapings": blocks(result.plan.sequence) if result.plan else None,
-        }
+        found = as_one(result, timing)
+        found["reshapings"] = blocks(result.plan.sequence) if result.plan else None
         if case.box_per_m:
             return {**found, "nearest": reshapings_at_the_nearest(problem)}
-        ways = {name: goal_by_goal(problem, name) for name in ("cold", "carried on")}
-        return {**found, "cold": ways["cold"].cost, "warm": ways["carried on"].cost}
+        return {**found, **in_turns(problem)}
 
     def mission(self, case: Case) -> Problem:
         """The mission of a case; those of boxes that differ in width alone have the same goals."""
@@ -113,9 +104,8 @@ class Missions(Study):
                 continue
             return goal
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Missions by kind."""
-        del folder
         whole = [(case, made) for case, made in results if not case.box_per_m]
         boxes = [(case, made) for case, made in results if case.box_per_m]
         return {
@@ -124,6 +114,23 @@ class Missions(Study):
             "unverified": [(case, made) for case, made in results if not made["verified"]],
             "longer": [case for case, made in whole if longer(made, self.gap)],
         }
+
+
+def as_one(result: Result, timing: Timing) -> dict[str, Any]:
+    """What one plan of all goals came to."""
+    return {
+        "verified": result.found and result.require().verification.ok,
+        "cost": result.plan and result.plan.cost.total,
+        "gap": result.gap,
+        "cpu_s": timing.cpu_median_s,
+        "message": result.message,
+    }
+
+
+def in_turns(problem: Problem) -> dict[str, Any]:
+    """Costs goal by goal, from cold and from as warm as the one before ended; trouble, if any."""
+    cold, warm = (goal_by_goal(problem, name) for name in ("cold", "carried on"))
+    return {"cold": cold.cost, "warm": warm.cost, "trouble": cold.trouble}
 
 
 def longer(made: dict[str, Any], gap: float) -> bool:

@@ -123,7 +123,7 @@ class Mutants(Study):
             lives = passes(tests, folder)
         return MutantRecord(line, before, ast.unparse(place), lives)
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Counts of each module, and those that live."""
         counts = {
             module: [each.record.lives for each in results if each.case.module == module]

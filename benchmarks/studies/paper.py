@@ -11,8 +11,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from pydantic import TypeAdapter
-
 from benchmarks.study import PLANNING, Count, Measured, Study
 from twosra_mpc.lab.commands.reproduce_command import located
 from twosra_mpc.lab.paper import Sources, reproduce
@@ -32,7 +30,6 @@ class Paper(Study):
         data: Folder of the authors' data, as ``twosra reproduce --data`` takes it.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "What comes of the paper's claims?"
     measures: ClassVar = (*PLANNING, "twosra_mpc/lab/paper", "twosra_mpc/lab/reproduction")
 
@@ -47,7 +44,7 @@ class Paper(Study):
         """Claims with their readings and verdicts, and the tables of each section."""
         sources = Sources(**located(Path(self.data))) if case.data else Sources()
         with tempfile.TemporaryDirectory() as folder:
-            made = reproduce(folder, sources, problems=self.problems, processes=1)
+            made = reproduce(folder, sources, problems=self.problems)
         return {
             "claims": [claim.document() for one in made.sections for claim in one.claims],
             "tables": {
@@ -59,7 +56,6 @@ class Paper(Study):
             "verdicts": {str(verdict): count for verdict, count in made.verdicts.items()},
         }
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """The one record."""
-        del folder
         return results[0].record

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
-from pydantic import TypeAdapter
-
 from benchmarks.measurement import timed_in_turns
+from benchmarks.studies.missions import as_one, in_turns
 from benchmarks.study import Count, Names, Study
 from twosra_mpc import load_problem, plan
-from twosra_mpc.analysis.goal_by_goal import goal_by_goal
 from twosra_mpc.validation import Positive
 
 
@@ -30,7 +28,6 @@ class PickAndPlace(Study):
         time_limit_s: Limit of each plan, in thousands of units of work: about seconds.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Fetch, carry, put down: one plan beside goal by goal from cold?"
 
     scenarios: Names
@@ -47,14 +44,4 @@ class PickAndPlace(Study):
         problem = load_problem(case.scenario, **given)
         calls = {"plan": partial(plan, problem)}
         result, timing = timed_in_turns(calls, self.repeats, self.time_limit_s)["plan"]
-        ways = {name: goal_by_goal(problem, name) for name in ("cold", "carried on")}
-        return {
-            "verified": result.found,
-            "cost": result.plan and result.plan.cost.total,
-            "gap": result.gap,
-            "cpu_s": timing.cpu_median_s,
-            "message": result.message,
-            "cold": ways["cold"].cost,
-            "warm": ways["carried on"].cost,
-            "trouble": ways["cold"].trouble,
-        }
+        return {**as_one(result, timing), **in_turns(problem)}

@@ -87,9 +87,8 @@ class Revision(PlanStudy):
             {name: all_[-1][2] for name, all_ in made.items()},
         )
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Ratios, and where plans differ."""
-        del folder
         differ = [
             case.problem
             for case, one in results

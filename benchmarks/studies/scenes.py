@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from pydantic import TypeAdapter
@@ -53,9 +52,8 @@ class Scenes(PlanStudy):
         )
         return {name: plan_record(*made[name]) for name in (AMONG, FREE)}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Scenes by set."""
-        del folder
         rows = [_row(case.problem, made) for case, made in results]
         sets = itertools.groupby(rows, key=lambda row: row.problem.rpartition("/")[0])
         grouped = {name: list(some) for name, some in sets}

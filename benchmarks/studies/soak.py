@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
@@ -40,7 +39,6 @@ class Soak(Study):
         time_limit_s: Limit of a plan, in thousands of units of work: about seconds.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do memory and open files stay flat over many plans of many robots?"
 
     count: Count = 160
@@ -67,9 +65,8 @@ class Soak(Study):
         gc.collect()
         return {"plans": len(statuses), "found": sum(s in _FOUND for s in statuses), **held()}
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Ten moments of the run, and how many MB a robot cost in its last half."""
-        del folder
         made = [record for _, record in results]
         half = len(made) // 2
         slope = (made[-1]["MB"] - made[half]["MB"]) / max(1, len(made) - 1 - half)

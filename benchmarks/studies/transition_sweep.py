@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -49,15 +49,13 @@ class TransitionSweep(PlanStudy):
         robot = thermally_faster(problem.robot, self.reference_freeze_s / case.freeze_s)
         return self.planned(problem.with_values(robot=robot))
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Best sequences, costs, proved gaps and wall times over the transition time."""
         sweep: dict[str, dict[float, PlanRecord]] = {}
         for case, made in results:
             sweep.setdefault(case.problem, {})[case.freeze_s] = made
         times, as_it_is = sorted(set(self.freeze_s)), self.reference_freeze_s
         columns = {freeze: [plans[freeze] for plans in sweep.values()] for freeze in times}
-        figures.draw_sequences(sweep, times, as_it_is, folder / "sequences.png")
-        figures.draw_proofs(columns, self.time_limit_s, folder / "proofs.png")
         slow, fast = (
             min(times, key=lambda freeze: abs(np.log(faster * freeze / as_it_is)))
             for faster in (1, 10)
@@ -69,5 +67,9 @@ class TransitionSweep(PlanStudy):
         return {
             **{"sweep": sweep, "columns": columns, "slow": slow, "fast": fast, "changes": changes},
             "different": sum(p[slow].sequence != p[fast].sequence for p in sweep.values()),
+            "figures": {
+                "sequences.png": partial(figures.draw_sequences, sweep, times, as_it_is),
+                "proofs.png": partial(figures.draw_proofs, columns, self.time_limit_s),
+            },
             "every": {f"{case.problem} at {case.freeze_s:zg} s": made for case, made in results},
         }

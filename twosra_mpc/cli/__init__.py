@@ -109,35 +109,6 @@ _COMMANDS = {
 _MODULES = {name: module for section in _COMMANDS.values() for name, (module, _) in section.items()}
 _WORDS = {name: words for section in _COMMANDS.values() for name, (_, words) in section.items()}
 
-_HELP = """Plan motions of the self-reconfigurable soft-rigid agent (2SRA).
-
-\b
-Start here:
-  twosra plan paper-1 --out plan.json --plot plan.png
-  twosra verify plan.json
-  twosra new scenario mine
-  twosra COMMAND --help
-
-Results go to standard output, as tables or with --json as JSON; progress and errors go to standard
-error.
-
-\b
-Exit codes:
-  0  done
-  1  whoever was reading the output stopped doing so
-  2  bad input, or a file that cannot be read or written
-  3  proved infeasible
-  4  no plan, not verified, or not reached (the best so far is written, if any)
-  5  arrived, but by dead reckoning: the camera had not seen the robot lately
-  70 a bug of this program: please report it; --debug shows where it is
-  130 interrupted before there was a result
-
-Completion of commands, options, scenarios and robots: put
-eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc (zsh_source into ~/.zshrc, or
-fish_source).
-"""
-
-
 _ELSEWHERE = {  # what other programs have as a command -> what is typed here
     "help": "type twosra --help, or twosra COMMAND --help.",
     "version": "type twosra --version.",
@@ -187,10 +158,36 @@ class _Commands(click.Group):
 _SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
 
 
-@click.group(cls=_Commands, help=_HELP, context_settings=_SETTINGS)
+@click.group(cls=_Commands, context_settings=_SETTINGS)
 @click.version_option(__version__, prog_name="twosra")
 def commands() -> None:
-    """Choose a command; see ``_HELP``."""
+    """Plan motions of the self-reconfigurable soft-rigid agent (2SRA).
+
+    \b
+    Start here:
+      twosra plan paper-1 --out plan.json --plot plan.png
+      twosra verify plan.json
+      twosra new scenario mine
+      twosra COMMAND --help
+
+    Results go to standard output, as tables or with --json as JSON; progress and errors go to
+    standard error.
+
+    \b
+    Exit codes:
+      0  done
+      1  whoever was reading the output stopped doing so
+      2  bad input, or a file that cannot be read or written
+      3  proved infeasible
+      4  no plan, not verified, or not reached (the best so far is written, if any)
+      5  arrived, but by dead reckoning: the camera had not seen the robot lately
+      70 a bug of this program: please report it; --debug shows where it is
+      130 interrupted before there was a result
+
+    Completion of commands, options, scenarios and robots: put
+    eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc (zsh_source into ~/.zshrc, or
+    fish_source).
+    """
 
 
 def main(arguments: list[str] | None = None) -> None:

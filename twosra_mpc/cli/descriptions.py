@@ -12,7 +12,14 @@ from click.shell_completion import CompletionItem
 from twosra_mpc.cli.options import FILE, ROBOT, command
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, check_writable, locate, read_text, write_text
+from twosra_mpc.files import (
+    built_in_names,
+    check_writable,
+    data_file,
+    locate,
+    read_text,
+    write_text,
+)
 from twosra_mpc.keys import near_word
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_document, robot_names
@@ -170,7 +177,7 @@ def _text(kind: Kind, source: str | None, name: str) -> str:
     if kind == "robot":
         return _robot(source or _FIRST_ROBOT, name)
     if source is None:
-        return Path(__file__).with_name(f"new_{kind}.toml").read_text(encoding="utf-8")
+        return data_file(f"cli/new_{kind}.toml")
     _check_built_in(source, kind)
     return read_text(locate(source, _FOLDERS["scenario"], "--from"), source)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from click.shell_completion import CompletionItem
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, check_writable, is_device, outputs_are_no_inputs
+from twosra_mpc.installation import install_command
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.paths import PATH_MODELS
 
@@ -51,6 +53,7 @@ ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots")}
 FILE = click.Path(path_type=Path)
 SEED = click.IntRange(min=0)
 
+_EXTRA = re.compile(r"\{(\w+)\}")
 _JSON = click.Option(["--json", "as_json"], is_flag=True, help="Print JSON instead of tables.")
 _QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; see the exit code.")
 _DEBUG = click.Option(
@@ -76,12 +79,11 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
 }
 
 
-def command(name: str, words: str | None = None) -> Callable[[Function], click.Command]:
+def command(name: str) -> Callable[[Function], click.Command]:
     """Make a function a command; as ``output`` it is given what ``--json``, ``--quiet`` chose.
 
-    Args:
-        name: Of the command.
-        words: Its help; what the function says of itself if left out.
+    Its help is what the function says of itself, with how to install an extra for the extra's name
+    in braces.
     """
 
     def decorate(function: Function) -> click.Command:
@@ -91,7 +93,8 @@ def command(name: str, words: str | None = None) -> Callable[[Function], click.C
             with outputs_are_no_inputs(outputs):
                 return function(output=Output(as_json=as_json, quiet=quiet), **given)
 
-        made = click.command(name, help=words or function.__doc__)(run)
+        words = _EXTRA.sub(lambda found: install_command(found[1]), function.__doc__ or "")
+        made = click.command(name, help=words)(run)
         made.params += [_JSON, _QUIET, _DEBUG]
         return made
 

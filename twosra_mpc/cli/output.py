@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import sys
@@ -66,6 +67,16 @@ class Output:
 
         with Spinner(words, console=Console(stderr=True)) as spinner:
             yield lambda text: spinner.update(text)
+
+
+def counting(tell: Tell, words: str) -> Callable[[int, int], None]:
+    """What is told how many of how many are done, for a line of progress that begins so."""
+    return lambda done, of: tell(f"{words} {done} of {of}")
+
+
+def digits(value: float | None, places: int) -> str:
+    """A number in a table; a dash where it is not known."""
+    return "-" if value is None or math.isnan(value) else f"{value:z.{places}f}"
 
 
 def _cell(value: Any) -> str:

@@ -30,13 +30,20 @@ from twosra_mpc.cli.options import (
     out_argument,
     rate_option,
 )
-from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.output import (
+    EXIT_BAD_INPUT,
+    EXIT_NO_PLAN,
+    EXIT_PLANNED,
+    Output,
+    counting,
+    print_table,
+)
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.files import read_bytes, text_of, write_text
-from twosra_mpc.installation import install_command, require
+from twosra_mpc.installation import require
 from twosra_mpc.physics.mjcf import mjcf
 from twosra_mpc.plans.setpoints import save_authors_csv, save_setpoints
 from twosra_mpc.robot.description import load_robot
@@ -172,39 +179,10 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
     output.record((given.robot.name, "resampled"), document)
 
 
-_EXPORT_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
-
-Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open; or to a
-.urdf file: a chain of short links for each segment, as RViz shows it.
-
-MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
-configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
-the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. Plans with
-the paper's wheel map are refused: without slip they bend it by 17 to 48 % of what is planned.
-
-MCAP needs the package foxglove-sdk: {install_command("mcap")}
-
-With --ros2 the .mcap file is a bag for ROS 2: JointState, TFMessage, Path, Temperature and the
-robot as URDF. It needs mcap-ros2-support, and no ROS: {install_command("ros")}
-
-\b
-Play a plan at thirty frames a second (in Foxglove: open the file, add a 3D panel):
-  twosra plan paper-1 --out plan.json
-  twosra export plan.json plan.mcap --rate 30
-A bag of standard messages for ROS 2, with the robot as URDF:
-  twosra export plan.json bag.mcap --ros2 --rate 30
-The plan's own grid as the authors' scripts read it:
-  twosra export plan.json plan.csv
-A robot with rolling wheels and a fibre of hinges, to play with:
-  twosra export 2sra-v1 robot.xml
-  python -m mujoco.viewer --mjcf=robot.xml
-"""
-
-
 _OF_ROBOTS = {".xml": mjcf, ".urdf": urdf}
 
 
-@command("export", _EXPORT_HELP)
+@command("export")
 @click.argument("source", metavar="PLAN|ROBOT", **ROBOT)
 @ACCEPT_PAPER_WHEELS
 @out_argument(ending(".mcap", ".csv", *_OF_ROBOTS))
@@ -218,7 +196,34 @@ def export_command(
     ros2: bool,
     output: Output,
 ) -> None:
-    """Export a plan or a robot; see ``_EXPORT_HELP``."""
+    """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
+
+    Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open; or to
+    a .urdf file: a chain of short links for each segment, as RViz shows it.
+
+    MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
+    configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV
+    has the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time.
+    Plans with the paper's wheel map are refused: without slip they bend it by 17 to 48 % of what is
+    planned.
+
+    MCAP needs the package foxglove-sdk: {mcap}
+
+    With --ros2 the .mcap file is a bag for ROS 2: JointState, TFMessage, Path, Temperature and the
+    robot as URDF. It needs mcap-ros2-support, and no ROS: {ros}
+
+    \b
+    Play a plan at thirty frames a second (in Foxglove: open the file, add a 3D panel):
+      twosra plan paper-1 --out plan.json
+      twosra export plan.json plan.mcap --rate 30
+    A bag of standard messages for ROS 2, with the robot as URDF:
+      twosra export plan.json bag.mcap --ros2 --rate 30
+    The plan's own grid as the authors' scripts read it:
+      twosra export plan.json plan.csv
+    A robot with rolling wheels and a fibre of hinges, to play with:
+      twosra export 2sra-v1 robot.xml
+      python -m mujoco.viewer --mjcf=robot.xml
+    """
     if (write := _OF_ROBOTS.get(out.suffix)) is not None and not ros2:
         described = load_robot(source)
         write_text(out, write(described))
@@ -299,11 +304,7 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
     from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
 
     with output.progress("animating") as tell:
-
-        def show(done: int, total: int) -> None:
-            tell(f"animating: frame {done} of {total}")
-
-        animate_plan(made, out, duration_s=seconds, on_progress=show)
+        animate_plan(made, out, duration_s=seconds, on_progress=counting(tell, "animating: frame"))
     document = {"file": str(out), "bytes": out.stat().st_size}
     output.record((made.robot.name, "animation"), document)
     return EXIT_PLANNED

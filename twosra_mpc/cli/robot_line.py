@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 
 import click
 
 from twosra_mpc.cli.output import EXIT_NO_PLAN
 from twosra_mpc.errors import InputError, TwosraError
-from twosra_mpc.execution.serial.port import Port, open_serial_port
+from twosra_mpc.execution.serial.port import SerialPort, open_serial_port
 from twosra_mpc.execution.serial.stream import SentLine
 from twosra_mpc.robot.description import Robot
 
@@ -44,11 +44,9 @@ def show_lines(sent: list[SentLine]) -> None:
     click.echo("\n".join(shown))
 
 
-@contextmanager
-def opened_line(name: str) -> Iterator[Port]:
-    """Open the line to a robot, and close it at the end of the block."""
-    with closing(open_serial_port(name)) as port:
-        yield port
+def opened_line(name: str) -> closing[SerialPort]:
+    """Open the line to a robot; it is closed at the end of the block."""
+    return closing(open_serial_port(name))
 
 
 def told_ending(drive: Callable[[], int]) -> int:

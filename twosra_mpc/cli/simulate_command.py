@@ -15,7 +15,7 @@ from twosra_mpc.cli.output import (
     EXIT_PLANNED,
     EXIT_UNSEEN,
     Output,
-    Tell,
+    counting,
     print_table,
 )
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
@@ -105,7 +105,10 @@ def simulate_command(
 
             plot_run(first.run, first.truth, plot)
         if animate is not None:
-            _film(first, animate, tell)
+            from twosra_mpc.plotting import animate_run
+
+            shown = counting(tell, "filming: frame")
+            animate_run(first.run, animate, first.truth, on_progress=shown)
         found = [first.metrics]
         for other in range(1, runs):
             tell(f"running {other + 1} of {runs}")
@@ -119,15 +122,6 @@ def simulate_command(
     if missed == {Ending.UNSEEN}:
         return EXIT_UNSEEN
     return EXIT_NO_PLAN if missed else EXIT_PLANNED
-
-
-def _film(simulation: Simulation, path: Path, tell: Tell) -> None:
-    from twosra_mpc.plotting import animate_run
-
-    def show(done: int, total: int) -> None:
-        tell(f"filming: frame {done} of {total}")
-
-    animate_run(simulation.run, path, simulation.truth, on_progress=show)
 
 
 def _print_run(simulation: Simulation) -> None:

@@ -15,7 +15,6 @@ from twosra_mpc.cli.output import (
     EXIT_PLANNED,
     EXIT_UNSEEN,
     Output,
-    Tell,
     print_table,
 )
 from twosra_mpc.execution.run import Ending, Run
@@ -29,50 +28,11 @@ from twosra_mpc.execution.serial.stream import (
     preview,
     stream,
 )
-from twosra_mpc.execution.settings import Patience
-from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
-_HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at the end.
 
-Wheel speeds [rad/s] and heater states go out in the line format of the authors' firmware at 115200
-baud. The robot must report temperatures (lines A58.2, B24.9 and so on: readings of segments 1 and 2
-in C) within {Patience().listen_s:zg} s: a phase begins when they confirm that the segments are soft
-and rigid as it needs, and heaters are switched by them.
-
-A robot that reports nothing is driven with --confirm never: phases begin at the plan's times, and
-heaters are switched by the model's heat. That needs a plan made with transition_quantile, which
-waits for slow segments too, and segments as cold as the plan says.
-
-With --camera the plan is tracked by what a tracking system sees, corrected, and planned again. It
-writes lines, on standard input or to a UDP port of this computer: Unix time [s], x, y [m], phi
-[rad], and the curvature [1/m] of each segment, separated by spaces or commas.
-
-Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 48 % of what
-is planned. Plan with 2sra-v1.
-
-Ctrl-C, Ctrl-\\, Ctrl-Z, SIGTERM, a closed terminal, every other signal that a program can catch
-and every error stop the wheels and switch the heaters off. Keep a hand at the switch all the same:
-after kill -9, or if the line breaks, the robot goes on with its last command until its firmware's
-watchdog ends it, which may take 2 s; without one (docs/hardware.md) it goes on for ever.
-
-Needs pyserial: {install_command("serial")}
-
-\b
-See what would be sent, without a robot:
-  twosra plan paper-2 --out plan.json
-  twosra stream plan.json --dry-run
-Send it, and write down what was sent and reported:
-  twosra stream plan.json --port /dev/ttyUSB0 --log run.json
-Follow it by a tracking system that writes lines of poses:
-  tracker | twosra stream plan.json --port /dev/ttyUSB0 --camera - --rate 20
-One of several robots on the same radio:
-  twosra stream plan.json --port COM3 --robot-id 1
-"""
-
-
-@command("stream", _HELP)
+@command("stream")
 @plan_to_drive
 @robot_line.PORT
 @robot_line.DRY_RUN
@@ -104,7 +64,43 @@ def stream_command(
     robot_id: int | None,
     output: Output,
 ) -> int:
-    """Send a plan; see ``_HELP``."""
+    """Send PLAN to a robot over a serial line, and switch the robot off at the end.
+
+    Wheel speeds [rad/s] and heater states go out in the line format of the authors' firmware at
+    115200 baud. The robot must report temperatures (lines A58.2, B24.9 and so on: readings of
+    segments 1 and 2 in C) within 5 s: a phase begins when they confirm that the segments are soft
+    and rigid as it needs, and heaters are switched by them.
+
+    A robot that reports nothing is driven with --confirm never: phases begin at the plan's times,
+    and heaters are switched by the model's heat. That needs a plan made with transition_quantile,
+    which waits for slow segments too, and segments as cold as the plan says.
+
+    With --camera the plan is tracked by what a tracking system sees, corrected, and planned again.
+    It writes lines, on standard input or to a UDP port of this computer: Unix time [s], x, y [m],
+    phi [rad], and the curvature [1/m] of each segment, separated by spaces or commas.
+
+    Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 48 % of
+    what is planned. Plan with 2sra-v1.
+
+    Ctrl-C, Ctrl-\\, Ctrl-Z, SIGTERM, a closed terminal, every other signal that a program can catch
+    and every error stop the wheels and switch the heaters off. Keep a hand at the switch all the
+    same: after kill -9, or if the line breaks, the robot goes on with its last command until its
+    firmware's watchdog ends it, which may take 2 s; without one (docs/hardware.md) it goes on for
+    ever.
+
+    Needs pyserial: {serial}
+
+    \b
+    See what would be sent, without a robot:
+      twosra plan paper-2 --out plan.json
+      twosra stream plan.json --dry-run
+    Send it, and write down what was sent and reported:
+      twosra stream plan.json --port /dev/ttyUSB0 --log run.json
+    Follow it by a tracking system that writes lines of poses:
+      tracker | twosra stream plan.json --port /dev/ttyUSB0 --camera - --rate 20
+    One of several robots on the same radio:
+      twosra stream plan.json --port COM3 --robot-id 1
+    """
     robot_line.check_line(port, dry_run)
     if dry_run and (camera or log):
         raise click.UsageError("--dry-run sends nothing: there is nothing to follow or to --log")
@@ -132,7 +128,7 @@ def stream_command(
                     confirm=Confirm(confirm),
                     poses=poses,
                     log=log,
-                    on_state=_Progress(tell),
+                    on_state=lambda state: tell(_where(state)),
                 )
             return _told(plan, run, output)
 
@@ -149,15 +145,10 @@ def _told(plan: Plan, run: Run, output: Output) -> int:
     return EXIT_UNSEEN if run.ending is Ending.UNSEEN else EXIT_NO_PLAN
 
 
-class _Progress:
-    """Tells where a stream is."""
-
-    def __init__(self, tell: Tell) -> None:
-        self._tell = tell
-
-    def __call__(self, state: StreamState) -> None:
-        known = f"  ({state.known})" if state.known else ""
-        self._tell(f"{state.time_s:z7.1f} s  {state.during}{known}")
+def _where(state: StreamState) -> str:
+    """Where a stream is, in a line."""
+    known = f"  ({state.known})" if state.known else ""
+    return f"{state.time_s:z7.1f} s  {state.during}{known}"
 
 
 def _print_drives(plan: Plan, run: Run) -> None:

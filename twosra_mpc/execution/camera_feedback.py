@@ -56,23 +56,21 @@ class Pulses:
 class ByCamera(ByReports):
     """Heaters and phases as by reports; the wheels by what the camera sees."""
 
-    def __init__(
-        self, plan: Plan, tracker: Tracker, pulses: Pulses, mission: Mission | None = None
-    ) -> None:
+    def __init__(self, plan: Plan, tracker: Tracker, pulses: Pulses, mission: Mission) -> None:
         """Make ready to run a plan.
 
         Args:
             plan: The plan.
             tracker: A tracker of its robot.
             pulses: What is done about the drives' dead zone.
-            mission: What judges its tasks.
+            mission: Judges its tasks.
         """
         self.tracker, self.pulses, self.mission = tracker, pulses, mission
         tracker.reset(plan)
 
     def arrived(self, run: PlanRunner) -> Abort | None:
         """Look whether the tasks are done whose time has come."""
-        return None if self.mission is None else self.mission.arrived(run.clock_s)
+        return self.mission.arrived(run.clock_s)
 
     def drive(self, run: PlanRunner, index: int) -> Abort | None:
         """Drive a phase, and again while looks say that it comes nearer to where it should be."""
@@ -101,10 +99,8 @@ class _TrackedPhase:
         phases = self.run.plan.phases
         if self.index == len(phases) - 1:
             return False, True
-        if self.mission is None:
-            return False, False
         after = phases[self.index + 1]
-        bends = self.rigid and not is_rigid(after.mode)
+        bends = self.mission.rests and self.rigid and not is_rigid(after.mode)
         return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
 
     def drive(self) -> Abort | None:
@@ -137,7 +133,7 @@ class _TrackedPhase:
                 return None
             if (left := self._outside(planned)) is not None:
                 return left
-            if self.mission is not None and (left := self.mission.dropped()) is not None:
+            if (left := self.mission.dropped()) is not None:
                 return left
             time_s = run.clock_s + (session.period_s if over else 0.0)  # then the path rests
             command = self.by.tracker.step(Measurement(time_s, self.index, self._seen))
@@ -147,7 +143,7 @@ class _TrackedPhase:
             try:
                 session.drive(phase.mode, wheels, run.setpoint_C, planned)
             except DoubtError:
-                if self.mission is None or self.rigid or not self.mission.closes:
+                if self.rigid or not self.mission.closes:
                     raise
                 return None  # what it closes round may keep it from bending
             if not over:
@@ -230,7 +226,7 @@ class _TrackedPhase:
 
     def _judge(self) -> Abort | None:
         """Whether the phases to come lead to the goal's curvatures from here, as they are."""
-        if self.mission is not None and self.mission.closes:
+        if self.mission.closes:
             return None
         patience, accuracy = self.patience, self.session.accuracy
         missed = self._predicted_miss()
@@ -249,9 +245,7 @@ class _TrackedPhase:
 
     def _predicted_miss(self) -> Array:
         """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""
-        plan, until_s = self.run.plan, math.inf
-        if self.mission is not None:
-            until_s = self.mission.matters_s
+        plan, until_s = self.run.plan, self.mission.matters_s
         rest = [phase for phase in plan.phases[self.index + 1 :] if phase.end_s <= until_s]
         times = [self.run.clock_s, *(item.end_s for item in rest)]
         path, modes = plan.trajectory.configuration(times), [item.mode for item in rest]

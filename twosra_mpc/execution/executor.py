@@ -12,9 +12,9 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.doubt import DoubtError
-from twosra_mpc.execution.guard import MeetsItselfError, TooNearError, guard_of
+from twosra_mpc.execution.guard import MeetsItselfError, TooNearError
 from twosra_mpc.execution.mission import Mission
-from twosra_mpc.execution.remaining import remaining_problem, tasks_left
+from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import RobotInterface, stopped_after
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
@@ -26,7 +26,6 @@ from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 
@@ -89,12 +88,9 @@ class _Execution:
         robot, self.settings, self.problem = executor.robot, executor.settings, plan.problem
         self.meanwhile = executor.meanwhile
         self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
-        guard = guard_of(plan.problem, self.settings.patience)
         patience = self.settings.patience
-        self.session = Session(robot, plan.problem, executor.on_command, guard, patience=patience)
-        self.mission: Mission | None = None
-        if plan.problem.is_mission:
-            self.mission = Mission(self.session, self.settings.patience, plan)
+        self.session = Session(robot, plan.problem, executor.on_command, patience=patience)
+        self.mission = Mission(self.session, patience, plan)
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()
         self.cooled: set[int] = set()
@@ -114,11 +110,8 @@ class _Execution:
             except SegmentError as trouble:  # wherever it was noticed
                 ending, step = self._troubled(trouble), self._plan_again
             if ending is not None:
-                account = ((), 0) if self.mission is None else self.mission.account
-                verdict = Verdict(
-                    "optimal", *ending, tuple(self.plans), tuple(self.begun), *account
-                )
-                return self.session.finish(verdict)
+                plans, account = (tuple(self.plans), tuple(self.begun)), self.mission.account
+                return self.session.finish(Verdict("optimal", *ending, *plans, *account))
 
     def _follow_and_plan(self) -> tuple[Ending, str] | None:
         left = self._follow(self.plans[-1])
@@ -157,9 +150,9 @@ class _Execution:
         scale = patience.certain * accuracy.scale(self.problem.robot.coordinates)
         session.average(session.setpoint_C, scale, patience.look_s)
         if session.unseen_s > patience.unseen_s:
-            return session.ending_unseen(left=bool(self._tasks_left()))
+            return session.ending_unseen(left=bool(self.mission.left))
         where = accuracy.describe(session.error)
-        left = self._tasks_left()
+        left = self.mission.left
         if accuracy.surely(session.error) and not left:
             if not session.sure(accuracy.scale(self.problem.robot.coordinates)):
                 return session.ending_unseen(left=False)
@@ -176,7 +169,7 @@ class _Execution:
             case "time":
                 return Ending.TIME_LIMIT, left.text
             case "camera":
-                return self.session.ending_unseen(left=bool(self._tasks_left()))
+                return self.session.ending_unseen(left=bool(self.mission.left))
             case "doubt":
                 return self._doubted(left)
             case "heater" if left.to == "rigid":
@@ -213,18 +206,11 @@ class _Execution:
 
     def _lost(self, text: str) -> tuple[Ending, str] | None:
         """Stop, and have the object grasped again, unless that has been tried too often."""
-        assert self.mission is not None
         self.session.tell("failure", text)
         lost = self.mission.lose(text)
         if lost > self.settings.grasps:
             return Ending.OBJECT_LOST, f"{text}; lost {times(lost)}; {self._where()}"
         return self._cool()
-
-    def _tasks_left(self) -> tuple[Task, ...]:
-        """Tasks that are not done yet."""
-        if self.mission is not None:
-            return self.mission.left
-        return tasks_left(self.problem.passes, self.session.path)
 
     def _stopped(self, left: Abort) -> tuple[Ending, str] | None:
         """Stopped near something: let everything become solid, to be planned again from there.
@@ -258,11 +244,10 @@ class _Execution:
         session.rest(self._as_they_become(), session.period_s)  # no wheel turns meanwhile
         if (stuck := self._wait_for_metal()) is not None:
             return stuck
-        holds = self.mission is not None and self.mission.holding is not None
-        if holds and (stuck := self._cool()) is not None:  # no soft robot holds anything
+        holds = self.mission.holding is not None  # no soft robot holds anything
+        if holds and (stuck := self._cool()) is not None:
             return stuck
-        if self.mission is not None:
-            self.mission.look()
+        self.mission.look()
         found = self._planned()
         if isinstance(found, str) and session.guard is not None and any(session.mode or ()):
             if (stuck := self._cool()) is not None:  # a solid robot may drive to where it can bend
@@ -279,15 +264,14 @@ class _Execution:
         mode = session.mode
         assert mode is not None
         try:
-            warm_C = session.reading.temperature_C
-            if self.mission is not None:
-                rest = remaining_problem(*self.mission.rest(), warm_C, mode, self.broken)
-            else:
-                judged = len(self.missed), self._avoided
-                rest = remaining_problem(
-                    self.problem, session.q, warm_C, mode, self.broken, *judged
-                )
-                rest = rest.with_values(tasks=self._tasks_left())
+            rest = remaining_problem(
+                *self.mission.rest(),
+                session.reading.temperature_C,
+                mode,
+                self.broken,
+                misses=len(self.missed),
+                avoided=self._avoided,
+            )
             result = self.meanwhile(
                 lambda: find_plan(rest),
                 lambda: session.rest(self._as_they_become(), self.settings.patience.rest_s),
@@ -306,7 +290,7 @@ class _Execution:
         """Go on with another plan, unless that has been done too often."""
         settings, where = self.settings, self._where()
         if plan.cost.transitions:
-            if self.mission is not None and self.mission.advanced:
+            if self.mission.advanced:
                 self.replans = 0
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
@@ -317,8 +301,7 @@ class _Execution:
                 return Ending.GAVE_UP, f"{where} after {self.corrections} corrections in a row"
             self.corrections += 1
             self.session.tell("correct", f"the pose is corrected, {_summary(plan)}")
-        if self.mission is not None:
-            self.mission.begin(plan)
+        self.mission.begin(plan)
         self.plans.append(plan)
         self.begun.append(0)
         self.near = ""
@@ -328,7 +311,7 @@ class _Execution:
         where = self._where()
         if self.near:
             return Ending.TOO_NEAR, f"{self.near}; {where}; the rest cannot be planned: {why}"
-        if self.mission is not None and self.mission.trouble:
+        if self.mission.trouble:
             return Ending.OBJECT_LOST, f"{self.mission.trouble}; it cannot be grasped again: {why}"
         if self.broken:
             names = " and ".join(str(segment + 1) for segment in sorted(self.broken))

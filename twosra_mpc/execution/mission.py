@@ -1,6 +1,7 @@
-"""A mission on its way: which tasks are done, what is held, and where the objects are.
+"""A problem's tasks on their way: which are done, what is held, and where the objects are.
 
-Tasks count as done by what the camera sees when their time has come. A robot whose camera sees no
+Tasks count as done by what the camera sees when their time has come; boxes that are passed on the
+way to one goal have no time of their own, and count by the path. A robot whose camera sees no
 objects is taken to hold what it has closed around, and to leave it where it opens.
 """
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from twosra_mpc.execution.guard import Guard
 from twosra_mpc.execution.objects_seen import cage_of, fitted
+from twosra_mpc.execution.remaining import tasks_left
 from twosra_mpc.execution.runner import Abort
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import Patience
@@ -22,7 +24,7 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.objects import ACCURACY, Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Grasp, Pass, Release, Task, carries, grasps
+from twosra_mpc.problem.tasks import Carry, Grasp, Pass, Release, Task, carries, grasps, passes
 from twosra_mpc.robot.coordinates import POSE, Array, composed, wrapped
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
@@ -31,10 +33,10 @@ _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
 class Mission:
-    """What of a mission is done, and what the robot holds.
+    """Tasks that are done or left, and what the robot holds.
 
     Attributes:
-        left: Tasks that are left, in order.
+        rests: Whether tasks end at rest or are about objects: then it matters where a robot bends.
         done_s: When tasks were done.
         lost: How often each object was lost.
         trouble: What was lost last and not grasped since, in words; empty if nothing.
@@ -43,7 +45,7 @@ class Mission:
     def __init__(self, session: Session, patience: Patience, plan: Plan) -> None:
         """Begin with a plan of all tasks."""
         self.session, self._patience, self.problem = session, patience, plan.problem
-        self.done_s: list[float] = []
+        self.rests, self.done_s = plan.problem.is_mission, list[float]()
         self.lost: Counter[str] = Counter()
         self.trouble = ""
         self._goals: dict[str, Carry] = {}
@@ -56,10 +58,8 @@ class Mission:
 
     def begin(self, plan: Plan) -> None:
         """Go on with a plan of what is left."""
-        self.plan, self.left = (
-            plan,
-            tuple(self._asked.get(task, task) for task in plan.problem.tasks),
-        )
+        self.plan = plan
+        self._left = tuple(self._asked.get(task, task) for task in plan.problem.tasks)
         self._ends = list(plan.trajectory.done_s)
         self._grips = list(carried(plan.trajectory))
         self._done_before = len(self.done_s)
@@ -72,17 +72,25 @@ class Mission:
         self._watch(None)
 
     @property
+    def left(self) -> tuple[Task, ...]:
+        """Tasks that are left, in order."""
+        if self.rests:
+            return self._left
+        path = self.session.path[self._rows - 1 :]  # from where the plan begins
+        return tasks_left(tuple(passes(self._left).values()), path)
+
+    @property
     def holding(self) -> str | None:
         """Name of the object that a plan made now has to start with."""
         if self._hold is not None:
             return self.problem.objects[self._hold.object].name
-        first = self.left[0] if self.left else None
+        first = self._left[0] if self._left else None
         return first.about if first is not None and first.lets_go else None
 
     @property
     def matters_s(self) -> float:
         """Time of the plan up to which shapes count: the next one that is asked for; inf: none."""
-        for task, end_s in zip(self.left, self._ends, strict=False):
+        for task, end_s in zip(self._left, self._ends, strict=False):
             if task.asks_shape and not task.takes:
                 return end_s
         return math.inf
@@ -90,7 +98,7 @@ class Mission:
     @property
     def closes(self) -> bool:
         """Whether the robot closes round an object: which decides what shape it can take."""
-        return bool(self.left) and self.left[0].takes
+        return bool(self._left) and self._left[0].takes
 
     def ends_between(self, first_s: float, last_s: float) -> bool:
         """Whether a task is done in a stretch of the plan."""
@@ -99,7 +107,7 @@ class Mission:
     def arrived(self, clock_s: float) -> Abort | None:
         """Look whether tasks are done whose time in the plan has come."""
         while self._ends and self._ends[0] <= clock_s + SAME_TIME_S:
-            task = self.left[0]
+            task = self._left[0]
             if (left := self._unheld(task) or self._not_done(task)) is not None:
                 return left
             self._done()
@@ -132,13 +140,13 @@ class Mission:
         Returns:
             How often it has been lost by now.
         """
-        name, first = self._concerned(), self.left[0]
+        name, first = self._concerned(), self._left[0]
         self.lost[name] += 1
         self.trouble, self._hold = words, None
         again: tuple[Task, ...] = () if first.takes else (self._grasp(name),)
         if first.lets_go and name in self._goals:
             again += (self._goals[name],)
-        self.left, self._ends = (*again, *self.left), []
+        self._left, self._ends = (*again, *self._left), []
         self._watch(None)
         return self.lost[name]
 
@@ -149,9 +157,10 @@ class Mission:
         q = fitted(problem, self.session.q, poses, held)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
         start = problem.start.with_values(holding=holding)
-        aimed = {i: self._aimed(task) for i, task in carries(self.left).items()}
-        left = [aimed.get(i, task) for i, task in enumerate(self.left)]
-        self._asked |= dict(zip(left, self.left, strict=True))
+        tasks = self.left
+        aimed = {i: self._aimed(task) for i, task in carries(tasks).items()}
+        left = [aimed.get(i, task) for i, task in enumerate(tasks)]
+        self._asked |= dict(zip(left, tasks, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
     def poses(self) -> Array:
@@ -168,7 +177,7 @@ class Mission:
 
     def _concerned(self) -> str:
         """Name of the object that the task is about, or that is held meanwhile."""
-        named = self.holding or self.left[0].about
+        named = self.holding or self._left[0].about
         assert named is not None
         return named
 
@@ -303,11 +312,11 @@ class Mission:
         session.average(session.setpoint_C, patience.certain * accuracy, patience.look_s)
 
     def _done(self) -> None:
-        task, *left = self.left
+        task, *left = self._left
         self._ends.pop(0)
         if task.takes:
             self._hold, self.trouble = self._grips.pop(0), ""
-        self.left, self._rows = tuple(left), len(self.session.path)
+        self._left, self._rows = tuple(left), len(self.session.path)
         self._looks = 0
         self._open_before_release()
         self.done_s.append(self.session.now_s)
@@ -321,7 +330,7 @@ class Mission:
     def _open_before_release(self) -> None:
         """What is about to be released rests while the robot opens."""
         objects = self.session.objects
-        if self._hold is not None and self.left and self.left[0].lets_go:
+        if self._hold is not None and self._left and self._left[0].lets_go:
             if objects is not None and not objects.seen:
                 objects.poses = self.poses()
             self._put_at = self.poses()[self._hold.object], self.session.q.copy()
@@ -331,7 +340,7 @@ class Mission:
         """Have the guard keep from what must not be touched until the next task is done."""
         problem, hold = self.problem, self._hold
         names = {before.about} if before is not None and before.lies_along else set()
-        names |= {task.about for task in self.left[:1] if task.touches}
+        names |= {task.about for task in self._left[:1] if task.touches}
         if not problem.obstacles and not problem.objects and problem.workspace is None:
             return
         free = [

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
-from twosra_mpc.files import check_writable, write_bytes
+from twosra_mpc.files import check_writable, data_file, write_bytes
 from twosra_mpc.installation import require
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed
@@ -33,34 +33,10 @@ from twosra_mpc.robot.coordinates import POSE, Array
 
 WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
-_RULE = "=" * 80  # between message definitions, as rosbag2 writes it
-_TIME = "int32 sec\nuint32 nanosec\n"
-_TYPES = {  # interface -> its fields
-    "builtin_interfaces/Time": _TIME,
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
-    "std_msgs/String": "string data\n",
-    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride\n",
-    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n",
-    "std_msgs/UInt8MultiArray": "std_msgs/MultiArrayLayout layout\nuint8[] data\n",
-    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
-    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
-    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-    "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
-    "geometry_msgs/Transform": (
-        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
-    ),
-    "geometry_msgs/TransformStamped": (
-        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
-    ),
-    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
-    "nav_msgs/Path": "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
-    "sensor_msgs/JointState": (
-        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
-        "float64[] effort\n"
-    ),
-    "sensor_msgs/Temperature": ("std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n"),
-}
+_RULE = f"{'=' * 80}\nMSG: "  # before each definition, as rosbag2 writes it
+_TYPES = dict(  # interface -> its fields
+    each.split("\n", 1) for each in data_file("export/interfaces.msg").split(_RULE)[1:]
+)
 
 _LATCHED = {"/robot_description", "/path"}
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
@@ -187,7 +163,7 @@ def _definition(name: str) -> str:
             inner = line.split()[0].removesuffix("[]")
             if inner in _TYPES and inner not in wanted:
                 wanted.append(inner)
-                parts.append(f"{_RULE}\nMSG: {inner}\n{_TYPES[inner]}")
+                parts.append(f"{_RULE}{inner}\n{_TYPES[inner]}")
     return "".join(parts)
 
 

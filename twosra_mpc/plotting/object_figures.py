@@ -93,6 +93,12 @@ def seen_m(trajectory: Trajectory) -> Array:
     return np.concatenate([np.zeros((0, 2)), *(part for each in placed for part in each), *aims])
 
 
+def extent_m(trajectory: Trajectory, q: Array) -> Array:
+    """Corners of the wheels at configurations (m, 3 + n), and of objects, (k, 2)."""
+    wheels = robot_shape(trajectory.problem.robot.geometry, q, 2).wheels
+    return np.concatenate([wheels.reshape(-1, 2), seen_m(trajectory)])
+
+
 def draw_objects(
     ax: Axes,
     problem: Problem,

@@ -99,18 +99,13 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
                 f"{number}: {mode_name(phase.mode)}, {timeline_figures.phase_duration(phase)}"
             )
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
-    wheels = robot_shape(plan.robot.geometry, seen, 2).wheels.reshape(-1, 2)
-    shown = world_figures.shown_m(
-        plan.problem, np.concatenate([wheels, object_figures.seen_m(plan.trajectory)])
-    )
-    for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
-        world_figures.draw_world(ax, plan.problem, shown, size_pt)
+    extent_m = object_figures.extent_m(plan.trajectory, seen)
+    world_figures.show_world(axes, plan.problem, extent_m, 6.0)
     nearest = closest_approach(plan.trajectory)
     world_figures.draw_nearest(axes[0], nearest)
     if nearest is not None:
         q, mode = nearest.configuration, plan.robot.rigid
         plane.draw_robot(axes[0], plan.robot.geometry, q, mode, alpha=figures.FAINT / 2)
-    plane.to_one_scale(axes, shown)
     for ax, stage in zip(axes[1:], each, strict=False):
         ax.margins(ROOM)
         if stage.task is not None and stage.task.touches:
@@ -279,12 +274,8 @@ def plot_snapshots(
             plane.frame(draw_snapshot(ax, plan, time_s))
         for ax in grid[len(moments) :]:
             ax.remove()
-        shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        seen = [shapes.wheels.reshape(-1, 2), object_figures.seen_m(plan.trajectory)]
-        shown = world_figures.shown_m(plan.problem, np.concatenate(seen))
-        for ax in figure.axes:
-            world_figures.draw_world(ax, plan.problem, shown)
-        plane.to_one_scale(figure.axes, shown)
+        extent_m = object_figures.extent_m(plan.trajectory, plan.trajectory.samples.q)
+        world_figures.show_world(figure.axes, plan.problem, extent_m)
         entries = {
             "rigid": plane.RIGID,
             "soft": plane.SOFT,

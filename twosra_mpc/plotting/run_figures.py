@@ -89,10 +89,8 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     axes[0].set(xlabel="x [m]", ylabel="y [m]")
     for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
         _draw_drive(ax, run, record, number, drive)
-    shown = world_figures.shown_m(run.problem, robot_shape(geometry, record.q[::20], 2).wheels)
-    for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
-        world_figures.draw_world(ax, run.problem, shown, size_pt)
-    plane.to_one_scale(axes, shown)
+    wheels = robot_shape(geometry, record.q[::20], 2).wheels
+    world_figures.show_world(axes, run.problem, wheels, 6.0)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
         "end": plane.ROBOT,
@@ -233,18 +231,11 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
 
 
 def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
-    log, problem = run.log, run.problem
-    timeline_figures.mark_melting(ax, problem.stiffness_thresholds_C)
-    for j, warm in enumerate(record.temperature_C.T):
-        ax.plot(record.time_s, warm, label=f"segment {j + 1}", **figures.segment_curve(j))
-        if record is not log:
-            ax.plot(log.time_s, log.temperature_C[:, j], **figures.segment_curve(j, ":"))
-        setpoint = log.setpoint_C[:, j]
-        ax.step(log.time_s, setpoint, where="post", **figures.segment_curve(j, "--"))
-    if record is not log:
-        ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls=":", label="by the sensor")
-    ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls="--", label="set-point")
-    timeline_figures.finished(ax, "temperature\n[°C]")
+    log = run.log
+    true = record.time_s, record.temperature_C
+    sensed = None if record is log else (log.time_s, log.temperature_C)
+    asked = log.time_s, log.setpoint_C
+    timeline_figures.temperatures(ax, run.problem.stiffness_thresholds_C, true, asked, sensed)
 
 
 @public

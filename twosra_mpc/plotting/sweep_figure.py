@@ -42,13 +42,10 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
         ax = figure.subplots()
         figure.suptitle(plan_title(plan), wrap=True)
         draw_sweep(ax, plan)
-        shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        seen = [shapes.wheels.reshape(-1, 2), object_figures.seen_m(plan.trajectory)]
-        shown = world_figures.shown_m(plan.problem, np.concatenate(seen))
+        extent_m = object_figures.extent_m(plan.trajectory, plan.trajectory.samples.q)
         nearest = closest_approach(plan.trajectory)
-        world_figures.draw_world(ax, plan.problem, shown)
+        world_figures.show_world([ax], plan.problem, extent_m)
         world_figures.draw_nearest(ax, nearest)
-        plane.to_one_scale([ax], shown)
         ax.set(xlabel="x [m]", ylabel="y [m]")
         entries = {
             "start": plane.FAINT_ROBOT,

@@ -32,6 +32,7 @@ from twosra_mpc.plotting.figures import (
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
 
+Timed = tuple[Array, Array]  # times [s], and a row of values each
 Coordinate = Literal["position", "heading", "curvature"]
 
 COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
@@ -251,12 +252,22 @@ def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array, drawstyle: str = "
 def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
     """Draw expected temperatures and set-points over time, and the range in which metal melts."""
     samples = plan.trajectory.samples
-    mark_melting(ax, plan.problem.stiffness_thresholds_C)
-    for j, (warm, setpoint) in enumerate(
-        zip(samples.temperature_C.T, samples.heater_setpoint_C.T, strict=True)
-    ):
-        ax.plot(samples.t_s, warm, label=f"segment {j + 1}", **segment_curve(j))
-        ax.step(samples.t_s, setpoint, where="post", **segment_curve(j, "--"))
+    warm, asked = (samples.t_s, samples.temperature_C), (samples.t_s, samples.heater_setpoint_C)
+    return temperatures(ax, plan.problem.stiffness_thresholds_C, warm, asked)
+
+
+def temperatures(
+    ax: Axes, melting_C: tuple[float, float], warm: Timed, asked: Timed, sensed: Timed | None = None
+) -> Axes:
+    """Draw temperatures, set-points and readings of the segments, each (rows,) and (rows, n)."""
+    mark_melting(ax, melting_C)
+    for j, (of_segment, setpoint) in enumerate(zip(warm[1].T, asked[1].T, strict=True)):
+        ax.plot(warm[0], of_segment, label=f"segment {j + 1}", **segment_curve(j))
+        if sensed is not None:
+            ax.plot(sensed[0], sensed[1][:, j], **segment_curve(j, ":"))
+        ax.step(asked[0], setpoint, where="post", **segment_curve(j, "--"))
+    if sensed is not None:
+        ax.plot([], [], c=PLANNED_COLOUR, lw=1, ls=":", label="by the sensor")
     ax.plot([], [], c=PLANNED_COLOUR, lw=1, ls="--", label="set-point")
     return finished(ax, "temperature\n[°C]")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.transforms import Bbox
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.labels import label
-from twosra_mpc.plotting.plane import line
+from twosra_mpc.plotting.plane import line, to_one_scale
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 
@@ -71,6 +72,16 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
         above = "bottom" if y == high[1] else "top"
         told = task.name or f"task {number}"
         label(ax, told, (x, y), va=above, color=figures.TASK_COLOUR, **words)
+
+
+def show_world(
+    axes: Sequence[Axes], problem: Problem, points: Array, small_pt: float = 8.0
+) -> None:
+    """Draw what is around points (..., 2) on axes, to one scale; words are small on all but one."""
+    shown = shown_m(problem, points)
+    for ax, size_pt in zip(axes, (8.0, *[small_pt] * len(axes)), strict=False):
+        draw_world(ax, problem, shown, size_pt)
+    to_one_scale(axes, shown)
 
 
 def draw_nearest(ax: Axes, nearest: Clearance | None) -> list[Artist]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import write_text
+from twosra_mpc.files import data_file, write_text
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan, percent
 from twosra_mpc.plans.result import Result
@@ -73,7 +72,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
     plan = result.plan
     templates = environment()
     templates.filters |= {"mode": mode_name, "percent": percent, "seconds": _seconds}
-    style, script = data_file("page.css"), data_file("page.js")
+    style, script = data_file("report/page.css"), data_file("report/page.js")
     return templates.get_template("page.html").render(
         policy=policy(style, script),
         style=style,
@@ -111,11 +110,6 @@ def environment(folder: str = "report") -> Environment:
     made.filters["number"] = lambda value, form, sign="": format(value, f"{sign}z{form}")
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return made
-
-
-def data_file(name: str, folder: str = "report") -> str:
-    """Return a text file of a folder of the package."""
-    return files("twosra_mpc").joinpath(folder, name).read_text(encoding="utf-8")
 
 
 def policy(style: str, script: str) -> str:

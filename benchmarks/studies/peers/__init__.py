@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from pydantic import TypeAdapter
@@ -86,9 +85,8 @@ class Peers(PlanStudy):
             words = CRASHED if took_s < _LIMIT_S else f"ended after {_LIMIT_S:zg} s"
             return _record(Answer(words, None), None, took_s, took_s)
 
-    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Every peer's answers beside ours."""
-        del folder
         ours = {case.problem: made for case, made in results if case.planner == OURS}
         rivals = [
             _beside(case, made, ours[case.problem])

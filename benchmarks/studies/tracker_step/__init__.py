@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from benchmarks.studies.tracker_step.agreement import NOISE, disagreements
 from benchmarks.study import RUNNING, Count, Study
@@ -41,7 +40,6 @@ class TrackerSteps(Study):
         states: Random states at which the tracker is compared with IPOPT.
     """
 
-    record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "What does a step of the tracker cost, and what does its command lose?"
     measures: ClassVar = RUNNING
 

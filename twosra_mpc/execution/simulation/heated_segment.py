@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twosra_mpc.control.controller import StiffnessController
+from twosra_mpc.control.controller import Event, StiffnessController
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.control.thermistor import TemperatureSensor
 from twosra_mpc.robot.modes import Stiffness
@@ -28,6 +28,8 @@ class HeatedSegment:
         rng: For the sensor's noise.
         rigid_setpoint_C: Set-points up to this switch the heater off.
         broken_heater: Whether the heater's wire is broken: no current ever flows.
+        memory: State of the controller.
+        news: Events that it told in its last step.
     """
 
     model: SegmentModel
@@ -42,7 +44,7 @@ class HeatedSegment:
         self.state, self.heat_J = self.model.initial(self.start_C), 0.0
         self._lag = self.sensor.settled(self.start_C)
         self._reading_C = self.sensor.read_C(self._lag)
-        self._memory = self.controller.start(self._reading_C)
+        self.memory, self.news = self.controller.start(self._reading_C), tuple[Event, ...]()
 
     @property
     def soft(self) -> bool:
@@ -67,7 +69,7 @@ class HeatedSegment:
     @property
     def told_A(self) -> float:
         """Current that its controller asks for, whether it flows or not."""
-        return self._memory.current_A
+        return self.memory.current_A
 
     @property
     def measured_C(self) -> float:
@@ -77,12 +79,12 @@ class HeatedSegment:
     @property
     def stiffness(self) -> KnownStiffness:
         """What the controller reports."""
-        return self._memory.stiffness
+        return self.memory.stiffness
 
     @property
     def faulty(self) -> bool:
         """Whether the controller reports a fault."""
-        return self._memory.protection == "fault"
+        return self.memory.protection == "fault"
 
     def advance(self, setpoint_C: float, duration_s: float) -> None:
         """Let time pass under a set-point."""
@@ -102,7 +104,7 @@ class HeatedSegment:
         wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
         held_C = max(setpoint_C, self.controller.soft_setpoint_C)
         controller = self.controller.holding(held_C)
-        self._memory, _ = controller.step(self._memory, wanted, self._reading_C, dt_s)
+        self.memory, self.news = controller.step(self.memory, wanted, self._reading_C, dt_s)
 
     def _heats(self, setpoint_C: float) -> bool:
         """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""
@@ -111,4 +113,4 @@ class HeatedSegment:
         if setpoint_C <= self.rigid_setpoint_C:
             return False
         observed = self.controller.rule.observer.model
-        return observed.temperature_C(self._memory.known.estimate.state) < setpoint_C
+        return observed.temperature_C(self.memory.known.estimate.state) < setpoint_C

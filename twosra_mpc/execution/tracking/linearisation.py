@@ -249,7 +249,5 @@ def _command(setup: Setup, stage: Stage, period: Period, last: ca.SX) -> list[ca
     within = 1 / ca.fmax(1, ca.mmax(ca.vertcat(*shares)))
     v = ca.SX.zeros(INPUTS)
     v[list(outputs.inputs)] = u * within
-    wanted, zone = wheels * within, setup.limits.dead_zone_rad_s
-    turned = ca.if_else(ca.fabs(wanted) < zone / 2, 0, ca.sign(wanted) * zone)
-    sent = ca.if_else(ca.fabs(wanted) < zone, turned, wanted)
-    return [v, ca.fmin(ca.fmax(sent, last - setup.wheel_change), last + setup.wheel_change)]
+    sent = ca.fmax(wheels * within, last - setup.wheel_change)
+    return [v, ca.fmin(sent, last + setup.wheel_change)]

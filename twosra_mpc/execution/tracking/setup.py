@@ -23,7 +23,7 @@ from pydantic import Field
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
-from twosra_mpc.validation import NonNegative, Positive, Value
+from twosra_mpc.validation import Positive, Value
 
 
 class TrackerWeights(Value):
@@ -51,8 +51,6 @@ class TrackerLimits(Value):
     Attributes:
         wheel_rate_rad_s2: Largest change of a wheel command per second, for a robot whose file has
             no ``wheel_acceleration_rad_s2``; stopping is exempt.
-        dead_zone_rad_s: Smallest wheel command that turns a wheel. A smaller one is sent as zero or
-            as this, whichever is nearer, as far as the rate limit lets it.
         deviation_m: Larger deviations of x and y are taken as this: the wheels run at their limit
             anyway, and the linearised limits hold near the plan.
         deviation_rad: The same for the heading.
@@ -62,7 +60,6 @@ class TrackerLimits(Value):
     """
 
     wheel_rate_rad_s2: Positive = 100.0
-    dead_zone_rad_s: NonNegative = 0.0
     deviation_m: Positive = 0.05
     deviation_rad: Positive = 0.5
     deviation_soft_rad: Positive = 0.1

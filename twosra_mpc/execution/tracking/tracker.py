@@ -167,9 +167,6 @@ class Tracker:
         self.weights = weights or TrackerWeights()
         self.limits = limits or TrackerLimits()
         self.solver = solver or SolverSettings()
-        if self.limits.dead_zone_rad_s > robot.limits.wheel_speed_rad_s:
-            most = f"at most the wheel speed limit, {robot.limits.wheel_speed_rad_s:zg} rad/s"
-            raise InputError("limits.dead_zone_rad_s", self.limits.dead_zone_rad_s, most)
         self._programs: dict[Mode, ProgramInPlace] = {}
         self._phases: list[tuple[ProgramInPlace, PhaseReference]] | None = None
         self._phase: int | None = None

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from twosra_mpc.control.controller import Event, StiffnessController
 from twosra_mpc.control.thermistor import TemperatureSensor
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
 from twosra_mpc.files import write_text
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Stiffness
@@ -28,7 +29,6 @@ from twosra_mpc.thermal.model import SegmentModel
 Profile = Sequence[tuple[float, Stiffness]]
 
 SETTLED_K = 2.0  # settled: this close to the set-point from then on
-LONGEST_STEP_S = 0.2
 MOST_STEPS = 1_000_000
 
 
@@ -167,34 +167,31 @@ def simulate_heater(
     times = np.arange(steps + 1, dtype=np.float64) * np.float64(step_s)
     since, asked = zip(*profile, strict=True)
     setpoints = [asked[i] for i in np.searchsorted(since, times + 1e-9, side="right") - 1]
-    noise = np.random.default_rng(seed).normal(0.0, sensor.noise_C, steps + 1).tolist()
-    state, lag, heat_J = plant.initial(start_C), sensor.settled(start_C), 0.0
-    reading = sensor.read_C(lag, noise[0])
-    memory = controller.start(reading)
-    rows = [(state, reading, memory, heat_J)]
-    events: list[Event] = []
-    for setpoint, error_C in zip(setpoints[1:], noise[1:], strict=True):
-        heat_J += plant.energy_J(state, memory.current_A, step_s)
-        after = plant.propagate(state, memory.current_A, step_s)
-        lag = sensor.follow(lag, plant.temperature_C(state), plant.temperature_C(after), step_s)
-        state, reading = after, sensor.read_C(lag, error_C)
-        memory, news = controller.step(memory, setpoint, reading, step_s)
-        rows.append((state, reading, memory, heat_J))
-        events.extend(news)
-    states, readings, memories, heats = zip(*rows, strict=True)
-    return HeaterRun(
-        time_s=times,
-        temperature_C=np.array([plant.temperature_C(state) for state in states]),
-        melt_fraction=np.array([plant.melt_fraction(state) for state in states]),
-        measured_C=np.array([controller.segment_C(reading) for reading in readings]),
-        estimated_melt_fraction=np.array([controller.melt_fraction(m) for m in memories]),
-        current_A=np.array([memory.current_A for memory in memories]),
-        soft_setpoint=np.array(setpoints) == "soft",
-        integrator=np.array([memory.integrator for memory in memories]),
-        heat_J=np.array(heats),
-        stiffness=np.array([memory.stiffness for memory in memories]),
-        events=tuple(events),
-    )
+    rng = np.random.default_rng(seed)
+    segment = HeatedSegment(plant, sensor, controller, start_C, rng, rigid_setpoint_C=-math.inf)
+    rows, events = [_sample(segment)], list[Event]()
+    for setpoint in setpoints[1:]:
+        asked_C = controller.soft_setpoint_C if setpoint == "soft" else -math.inf
+        segment.advance(asked_C, step_s)
+        rows.append(_sample(segment))
+        events.extend(segment.news)
+    sampled = zip(_SAMPLED, zip(*rows, strict=True), strict=True)
+    columns = {name: np.array(column) for name, column in sampled}
+    soft = np.array(setpoints) == "soft"
+    return HeaterRun(time_s=times, soft_setpoint=soft, events=tuple(events), **columns)
+
+
+_SAMPLED = (
+    *("temperature_C", "melt_fraction", "measured_C", "estimated_melt_fraction"),
+    *("current_A", "integrator", "heat_J", "stiffness"),
+)
+
+
+def _sample(segment: HeatedSegment) -> tuple[object, ...]:
+    """Values of a sample, in the order of `_SAMPLED`."""
+    memory, estimated = segment.memory, segment.controller.melt_fraction(segment.memory)
+    true = segment.temperature_C, segment.melt_fraction, segment.measured_C, estimated
+    return *true, memory.current_A, memory.integrator, segment.heat_J, memory.stiffness
 
 
 def save_run(run: HeaterRun, path: str | Path) -> None:
@@ -208,14 +205,10 @@ def save_run(run: HeaterRun, path: str | Path) -> None:
         time = round(event.time_s, 6)
         told[time] = f"{told[time]} {event.kind}" if time in told else event.kind
     times = [round(time, 6) for time in run.time_s.tolist()]
-    as_they_are = (
-        *("temperature_C", "measured_C", "melt_fraction", "estimated_melt_fraction"),
-        *("current_A", "integrator", "heat_J", "stiffness"),
-    )
     columns: dict[str, Sequence[object]] = {
         "time_s": times,
         "setpoint": ["soft" if soft else "rigid" for soft in run.soft_setpoint],
-        **{name: getattr(run, name).tolist() for name in as_they_are},
+        **{name: getattr(run, name).tolist() for name in _SAMPLED},
         "event": [told.get(time, "") for time in times],
     }
     text = io.StringIO()

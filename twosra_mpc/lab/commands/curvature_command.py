@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
-from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
-    ESTIMATORS,
+    BAND_NAMES,
     Estimate,
-    deviations,
     estimate_folder,
     save_estimates,
+    summary,
 )
-
-_BANDS = (0, 10, 20, 35, 50, math.inf)  # |reference| [1/m]
 
 
 @command("estimate-curvature")
@@ -83,15 +79,8 @@ def estimate_curvature_command(
     with output.progress("reading pictures") as tell:
         for number, folder in enumerate(folders):
             given = (references[number], column) if references else None
-            name = folder.name
-            found.append(
-                estimate_folder(
-                    folder,
-                    camera,
-                    given,
-                    lambda n, m, name=name: tell(f"{name}: {n} of {m} pictures"),  # type: ignore[misc]
-                )
-            )
+            told = counting(tell, f"{folder.name}: picture")
+            found.append(estimate_folder(folder, camera, given, told))
         every = [each for one in found for each in one]
         if csv is not None:
             save_estimates(every, csv)
@@ -126,97 +115,63 @@ def _draw(
                 plot_curvature([each], camera, figures / name)
 
 
-def _summary(every: list[Estimate]) -> dict[str, Any]:
-    measured = [each.measured for each in every if each.measured is not None]
-    spread = np.array([each.published.spread_per_m for each in measured])
-    known = spread[np.isfinite(spread)]
-    return {
-        "pictures": len(every),
-        "refused": len(every) - len(measured),
-        "published_mean_spread_per_m": float(known.mean()) if len(known) else math.nan,
-        "share_compatible_with_an_arc": float(np.mean([each.arc.fits for each in measured])),
-        "median_scatter_m": float(np.median([each.arc.scatter_m for each in measured])),
-        "median_standard_error_per_m": float(
-            np.median([each.arc.standard_error_per_m for each in measured])
-        ),
-    }
-
-
 def _document(found: list[list[Estimate]]) -> dict[str, Any]:
-    every = [each for one in found for each in one]
-    return {
-        **_summary(every),
-        "deviations": {name: each._asdict() for name, each in deviations(found).items()},
-        "estimates": [
-            {
-                "picture": str(each.path),
-                "reference_per_m": each.reference_per_m,
-                "published_per_m": each.published_per_m,
-                "arc_per_m": each.arc_per_m,
-                "arc_standard_error_per_m": each.measured.arc.standard_error_per_m
-                if each.measured
-                else None,
-                "arc_p_value": each.measured.arc.p_value if each.measured else None,
-                "refused": each.refused or None,
-            }
-            for each in every
-        ],
-    }
+    known = summary(found)
+    known.pop("bands_mse_per_m2")
+    estimates = [
+        {
+            "picture": str(each.path),
+            "reference_per_m": each.reference_per_m,
+            "published_per_m": each.published_per_m,
+            "arc_per_m": each.arc_per_m,
+            "arc_standard_error_per_m": each.measured and each.measured.arc.standard_error_per_m,
+            "arc_p_value": each.measured and each.measured.arc.p_value,
+            "refused": each.refused or None,
+        }
+        for one in found
+        for each in one
+    ]
+    return {**known, "estimates": estimates}
 
 
 def _print(found: list[list[Estimate]]) -> None:
-    every = [each for one in found for each in one]
+    every, of = [each for one in found for each in one], summary(found)
     refused = [(str(each.path), each.refused) for each in every if each.refused]
     if refused:
         print_table(("refused picture", "allowed"), refused)
     if any(math.isfinite(each.reference_per_m) for each in every):
-        _printdeviations(found, every)
+        _print_deviations(of)
     else:
         rows = [
-            (each.path.name, _digits(each.published_per_m), _digits(each.arc_per_m), _error(each))
+            (
+                each.path.name,
+                digits(each.published_per_m, 1),
+                digits(each.arc_per_m, 1),
+                _error(each),
+            )
             for each in every
             if not each.refused
         ]
         print_table(("picture", "published [1/m]", "arc [1/m]", "standard error"), rows)
-    of = _summary(every)
+    spread = of["published_mean_spread_per_m"]
     click.echo(
         f"{of['pictures'] - of['refused']} pictures measured, {of['refused']} refused. Published:"
-        f" mean spread along the segment {of['published_mean_spread_per_m']:z.2f} 1/m.\n"
+        f" mean spread along the segment {math.nan if spread is None else spread:z.2f} 1/m.\n"
         f"Arc: {of['share_compatible_with_an_arc']:z.0%} of the segments are compatible with one"
         f" arc; medial lines are {1e3 * of['median_scatter_m']:z.2f} mm off theirs (median)."
     )
 
 
-def _printdeviations(found: list[list[Estimate]], every: list[Estimate]) -> None:
+def _print_deviations(of: dict[str, Any]) -> None:
     rows = []
-    for name, off in deviations(found).items():
-        bands = [_mean_square(every, ESTIMATORS[name], *band) for band in _pairs()]
+    for name, off in of["deviations"].items():
+        bands = [digits(error, 1) for error in of["bands_mse_per_m2"][name]]
         of_cycles = f"{off.cycle_mse_per_m2:z.2f} ({off.cycles})" if off.cycles else "-"
         each = (f"{off.pictures}", f"{off.mse_per_m2:z.2f}", f"{off.slope:z.3f}")
         rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))
     header = ("estimator", "pictures", "MSE [1/m2]", "slope", "MSE of mean repeats (how many)")
-    print_table((*header, *(f"|kappa| {low:zg} to {high:zg}" for low, high in _pairs())), rows)
-
-
-def _pairs() -> list[tuple[float, float]]:
-    return list(itertools.pairwise(_BANDS))
-
-
-def _mean_square(every: list[Estimate], field: str, low: float, high: float) -> str:
-    off = np.array(
-        [
-            getattr(each, field) - each.reference_per_m
-            for each in every
-            if low <= abs(each.reference_per_m) < high
-        ]
-    )
-    off = off[np.isfinite(off)]
-    return f"{np.mean(off**2):z.1f}" if len(off) else "-"
+    print_table((*header, *(f"|kappa| {band}" for band in BAND_NAMES)), rows)
 
 
 def _error(each: Estimate) -> str:
-    return _digits(each.measured.arc.standard_error_per_m) if each.measured else "-"
-
-
-def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:z.1f}"
+    return digits(each.measured.arc.standard_error_per_m, 1) if each.measured else "-"

@@ -29,29 +29,10 @@ from twosra_mpc.lab.bench.jog import (
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, load_robot
 
-_HELP = """Drive a robot by hand, a little at a time: the first thing to do with a new one.
-
-Without --for, by keys: w s forward and back, q e left and right, a d turn, 1 2 3 4 a wheel (- the
-other way), h j k l heaters of segments 1 to 4 on and off, x the end. A key must be held: half a
-second after the last one the wheels stand, and heaters go off after two minutes without a key.
-
-With --for, what the options say, for so many seconds; forward, sideways and turn are of a straight
-robot, all solid. Speeds rise within the robot file's acceleration and are refused beyond its
-limits. Heaters are switched by the reported temperatures; if there are none, by the model's heat,
-and only with --cold. At the end, by Ctrl-C and after every error wheels stand and heaters are off.
-
-\b
-See what would be sent, without a robot:
-  twosra jog --robot 2sra-v1 --forward 0.01 --for 2 --dry-run
-Which way does wheel 1 turn? (with the robot on blocks)
-  twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --wheel 1 2.0 --for 1
-Does heater 1 warm segment 1?
-  twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --heat 1 --for 20
-"""
 _KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1
 
 
-@command("jog", _HELP)
+@command("jog")
 @robot_line.PORT
 @robot_line.DRY_RUN
 @click.option("--robot", "name", required=True, help="A built-in name or a file.", **ROBOT)
@@ -83,7 +64,27 @@ def jog_command(
     robot_id: int | None,
     output: Output,
 ) -> int:
-    """Drive by hand; see ``_HELP``."""
+    """Drive a robot by hand, a little at a time: the first thing to do with a new one.
+
+    Without --for, by keys: w s forward and back, q e left and right, a d turn, 1 2 3 4 a wheel (-
+    the other way), h j k l heaters of segments 1 to 4 on and off, x the end. A key must be held:
+    half a second after the last one the wheels stand, and heaters go off after two minutes without
+    a key.
+
+    With --for, what the options say, for so many seconds; forward, sideways and turn are of a
+    straight robot, all solid. Speeds rise within the robot file's acceleration and are refused
+    beyond its limits. Heaters are switched by the reported temperatures; if there are none, by the
+    model's heat, and only with --cold. At the end, by Ctrl-C and after every error wheels stand and
+    heaters are off.
+
+    \b
+    See what would be sent, without a robot:
+      twosra jog --robot 2sra-v1 --forward 0.01 --for 2 --dry-run
+    Which way does wheel 1 turn? (with the robot on blocks)
+      twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --wheel 1 2.0 --for 1
+    Does heater 1 warm segment 1?
+      twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --heat 1 --for 20
+    """
     robot_line.check_line(port, dry_run)
     robot = robot_line.numbered(load_robot(name), robot_id)
     if duration_s is None:

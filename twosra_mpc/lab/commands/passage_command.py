@@ -15,7 +15,7 @@ from twosra_mpc.cli.options import (
     plot_option,
     scenario_options,
 )
-from twosra_mpc.cli.output import Output, numbers, print_table
+from twosra_mpc.cli.output import Output, counting, numbers, print_table
 
 
 @command("check-passage")
@@ -43,9 +43,7 @@ def check_passage_command(
 
     problem = load(scenario)
     with output.progress("deciding") as tell:
-        found = find_passages(
-            problem, step, headings, lambda done, of: tell(f"deciding: shape {done} of {of}")
-        )
+        found = find_passages(problem, step, headings, counting(tell, "deciding: shape"))
         if plot is not None:
             from twosra_mpc.lab.figures.passage_figure import plot_passages  # matplotlib is slow
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
-from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
@@ -126,8 +125,8 @@ def _print(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> None:
         (
             str(number),
             mode_name(phase.mode),
-            *(_digits(rate) for rate in phase.bend_rates_rad_s),
-            *(_digits(value) for value in (phase.share, phase.pivot_rad_per_rad, phase.split)),
+            *(digits(rate, 2) for rate in phase.bend_rates_rad_s),
+            *(digits(value, 2) for value in (phase.share, phase.pivot_rad_per_rad, phase.split)),
         )
         for number, phase in enumerate(phases, 1)
         if any(phase.mode)
@@ -144,7 +143,3 @@ def _cells(error: Array) -> list[str]:
     x, y, heading = error[:POSE].tolist()
     kappas = [f"{kappa:+z.1f}" for kappa in error[POSE:].tolist()]
     return [f"{1e3 * x:+z.0f}", f"{1e3 * y:+z.0f}", f"{heading:+z.2f}", *kappas]
-
-
-def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:z.2f}"

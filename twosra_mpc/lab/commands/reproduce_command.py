@@ -26,7 +26,7 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
     *("--out", "-o", "folder"),
     required=True,
     type=_FOLDER,
-    help="Folder for the report; parts that are there are used again.",
+    help="Folder for the report.",
 )
 @click.option("--data", type=FILE, help="Folder with hardware/, curvature/, or clones in it.")
 @click.option("--logs", type=FILE, help="Folder of logs of trials, instead of hardware/.")
@@ -46,8 +46,7 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option(
     "--towards", metavar="X,Y", default="37,34", help="Pixel at the end it is followed to."
 )
-@click.option("--problems", type=int, default=1000, help="Random problems of each kind.")
-@click.option("--processes", type=int, default=2, help="How many compute them at a time.")
+@click.option("--problems", type=int, default=100, help="Random problems of each kind.")
 def reproduce_command(
     folder: Path,
     data: Path | None,
@@ -59,15 +58,13 @@ def reproduce_command(
     length_m: float,
     towards: str,
     problems: int,
-    processes: int,
     output: Output,
 ) -> None:
     """Compare the robot's paper with what comes of it here: every figure, table and claim.
 
     Writes report.html, its figures and numbers.json into a folder. Each claim has what is
     published, what we find, and a verdict by a rule. Trials and photographs are not part of this
-    package: without them their claims are not checked, and the report says what to give. What was
-    computed before is kept in the folder and not computed again.
+    package: without them their claims are not checked, and the report says what to give.
 
     \b
     All that needs no data:
@@ -85,7 +82,7 @@ def reproduce_command(
 
     sources = Sources(logs, photographs, simulations, column, camera)
     with output.progress("reading") as tell:
-        report = reproduce(folder, sources, problems=problems, processes=processes, tell=tell)
+        report = reproduce(folder, sources, problems=problems, tell=tell)
     output.report(report.document, lambda: _print(report, folder))
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
-from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.identified_robot import write_identified_robot
+from twosra_mpc.lab.identification.log_fit import Residuals
 from twosra_mpc.lab.identification.log_response import CORRECTED_S
 from twosra_mpc.lab.identification.transition_fit import (
     SHORTEST_S,
@@ -110,7 +110,7 @@ def fit_thermal_command(
         output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
         return
     with output.progress("fitting") as tell:
-        told = lambda n, m: tell(f"fitting: {n} of {m} done")  # noqa: E731
+        told = counting(tell, "fitting: fit")
         fit = thermal_fit.identify(recorded, described, told, segment - 1)
         if out is not None:
             write_identified_robot(robot, out, fit, segment - 1)
@@ -142,9 +142,8 @@ def _fit_transitions(
     """Fit melts and freezes, and tell every one of them."""
     logged = read_transitions(log, readings, robot.geometry.segments)
     with output.progress("fitting") as tell:
-        fit = identify_transitions(
-            logged, robot, str(log), lambda n, m: tell(f"fitting: {n} of {m} done"), segment
-        )
+        told = counting(tell, "fitting: fit")
+        fit = identify_transitions(logged, robot, str(log), told, segment)
         if out is not None:
             write_identified_robot(source, out, fit, segment)
     own, air_C = thermal_fit.two_node_segment(robot, segment), robot.heater.ambient_C
@@ -220,7 +219,8 @@ def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
         "standard_errors": fit.standard_errors,
         "residuals": fit.residuals,
         "held_out": fit.held_out,
-        "models": fit.rows,
+        "own_residuals": fit.own_residuals,
+        "held_out_rms_C": fit.held_out_rms_C,
         "scores": _scores(scores),
     }
 
@@ -236,14 +236,15 @@ def _print_fit(
 ) -> None:
     _print_parameters(fit, own)
     rows = [
-        (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
-        for row in fit.rows
+        ("as fitted", *_residuals(fit.residuals), digits(fit.held_out_rms_C, 3)),
+        (f"as in {fit.robot}, heater law fitted", *_residuals(fit.own_residuals), "-"),
+        *((f"as fitted, on {at.source}", *_residuals(of.residuals), "-") for at, of in scores),
     ]
-    for unseen, found in scores:
-        rows.append((f"two nodes, fitted; on {unseen.source}", "0", *_residuals(found), "-"))
-    print_table(("residual of the model", "fitted", *_HEADER, "cycles left out, RMS [C]"), rows)
+    print_table(("residual of the segment", *_HEADER, "cycles left out, RMS [C]"), rows)
     if fit.held_out:
-        left_out = [(f"cycle {part.cycle + 1}", *_residuals(part)) for part in fit.held_out]
+        left_out = [
+            (f"cycle {part.cycle + 1}", *_residuals(part.residuals)) for part in fit.held_out
+        ]
         print_table(("left out of the fit", *_HEADER), left_out)
     else:
         click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
@@ -260,7 +261,7 @@ def _print_scores(robot: Robot, scores: Scores) -> None:
     rows = []
     for log, found in scores:
         law = f"K_p {found.law.gain_per_K:z.4f} 1/K, duty at 54 C {found.law.duty_at_54C:z.3f}"
-        rows.append((log.source, *_residuals(found), law))
+        rows.append((log.source, *_residuals(found.residuals), law))
     print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
 
 
@@ -280,11 +281,6 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
     print_table(header, rows)
 
 
-def _residuals(of: thermal_fit.Row | thermal_fit.HeldOut | thermal_fit.Score) -> tuple[str, ...]:
-    found = of.residuals
+def _residuals(found: Residuals) -> tuple[str, ...]:
     values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
-    return tuple(_digits(value) for value in values)
-
-
-def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:z.3f}"
+    return tuple(digits(value, 3) for value in values)

@@ -18,8 +18,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
+from twosra_mpc.lab.reproduction.random_problems import forward_kinematics
+from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Plan
@@ -38,8 +39,8 @@ TASK_COLOURS = {
     "paper-4": "#7b5ea7",
     "paper-5": "#2a6fbb",
 }
-STEP_S, STEPS = 0.05, 60  # of a published simulation; of forward kinematics
-STEP_OF_TASK_S = {"paper-5": 0.1}  # published with a step of its own
+SIMULATION_OF_TASK = {simulation.task: simulation for simulation in SIMULATIONS.values()}
+STEPS = 60  # of forward kinematics
 START = (0.30, 0.2, 0.2, 10.0, -10.0)  # of forward kinematics
 LEAST_SHARE = 1e-4  # of the distance at the start; less is not drawn
 INPUTS: dict[Mode, tuple[float, ...]] = {  # [m/s, m/s, m/s, m/s, rad/s], constant
@@ -73,8 +74,9 @@ def plot_forward_kinematics(path: str | Path | None = None) -> Figure:
         figure.suptitle("Forward kinematics, and the published planner on the way to its end")
         grid = figure.subplots(4, len(MODES), sharex=True)
         for column, mode in zip(grid.T, MODES, strict=True):
-            driven = _forward_kinematics(mode)
-            planned = published_trajectory(START, driven[-1], step_s=STEP_S)
+            inputs = np.array(INPUTS[mode])
+            driven = forward_kinematics(np.array(START), mode, inputs)[: STEPS + 1]
+            planned = published_trajectory(START, driven[-1])
             _draw_study(column, mode, driven, planned)
             column[-1].set(xlabel="share of the motion")
         for row in grid:
@@ -106,7 +108,7 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.35))
         for number, (task, colour) in enumerate(TASK_COLOURS.items()):
             _draw_loop_error(left, task, {"c": colour, **figures.curve(number)})
-            for made, dashes in zip(_plans(task), ("-", "--"), strict=True):
+            for made, dashes in zip(both_plans(task), ("-", "--"), strict=True):
                 samples = made.trajectory.samples
                 share = _share(samples.q, samples.q[-1])
                 right.plot(samples.t_s, share, c=colour, **figures.curve(number, dashes))
@@ -146,8 +148,9 @@ def plot_published_tasks(path: str | Path | None = None) -> Figure:
     with figures.styled_figure((13.0, 6.6), path) as figure:
         grid = figure.subplots(2, len(TASK_COLOURS))
         for column, task in zip(grid.T, TASK_COLOURS, strict=True):
-            made, greedy = _plans(task)
-            geometry, published = made.robot.geometry, _published_pieces(_published(task))
+            made, greedy = both_plans(task)
+            published = _published_pieces(SIMULATION_OF_TASK[task].run_freely())
+            geometry = made.robot.geometry
             samples = made.trajectory.samples
             planned = [_Piece(phase.mode, phase_rows(samples, phase)) for phase in made.phases]
             shown = ((published, greedy, f"{task}\n"), (planned, made, ""))
@@ -174,14 +177,6 @@ PAPER_FIGURES: dict[str, Callable[[Path], Figure]] = {
     "error-decrease": plot_error_decrease,
     "published-tasks": plot_published_tasks,
 }
-
-
-def _forward_kinematics(mode: Mode) -> Array:
-    """Configurations (STEPS + 1, 5) of the published model under constant inputs."""
-    q = [np.array(START)]
-    for _ in range(STEPS):
-        q.append(q[-1] + STEP_S * published_jacobian(q[-1], START, mode) @ INPUTS[mode])
-    return np.array(q)
 
 
 def _draw_study(
@@ -215,18 +210,11 @@ def _share(q: Array, target: Array) -> Array:
 
 
 @cache
-def _plans(task: str) -> tuple[Plan, Plan]:
+def both_plans(task: str) -> tuple[Plan, Plan]:
     """Plans of this planner and of the greedy rule for the robot as the paper models it."""
     problem = load_problem(task, robot="2sra-v1-paper")
     greedy = plan(problem.with_values(planner="greedy"))
     return plan(problem).require(), greedy.require()
-
-
-@cache
-def _published(task: str) -> PublishedTrajectory:
-    problem, step_s = load_problem(task), STEP_OF_TASK_S.get(task, STEP_S)
-    ends = problem.start.configuration, problem.goal.configuration
-    return published_trajectory(*ends, step_s=step_s)
 
 
 def _mode_changes(planned: PublishedTrajectory) -> list[int]:
@@ -236,9 +224,10 @@ def _mode_changes(planned: PublishedTrajectory) -> list[int]:
 
 
 def _draw_loop_error(ax: Axes, task: str, look: dict[str, Any]) -> None:
-    planned = _published(task)
-    time_s = (planned.iteration + 1) * STEP_OF_TASK_S.get(task, STEP_S)
-    share = _share(planned.q, load_problem(task).goal.configuration)
+    simulation = SIMULATION_OF_TASK[task]
+    planned = simulation.run_freely()
+    time_s = (planned.iteration + 1) * simulation.step_s
+    share = _share(planned.q, simulation.goal)
     changes = np.array(_mode_changes(planned))
     ax.step(time_s, share, where="post", **look)  # steps too short are not recorded
     ax.plot(time_s[changes], share[changes - 1], "o", c=look["c"], ms=4)

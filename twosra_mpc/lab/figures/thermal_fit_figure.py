@@ -56,7 +56,7 @@ def plot_thermal_fit(fit: ThermalFit, path: str | Path | None = None) -> Figure:
 
 def _title(fit: ThermalFit) -> str:
     found = fit.residuals
-    unseen = fit.rows[0].held_out_rms_C
+    unseen = fit.held_out_rms_C
     left_out = "" if math.isnan(unseen) else f", {unseen:z.2f} K in cycles left out of the fit"
     rms = f"{found.heating_rms_C:z.2f} K heating, {found.cooling_rms_C:z.2f} K cooling{left_out}"
     return f"{fit.robot}, {Path(fit.source).name}\nRMS residual {rms}"
@@ -87,8 +87,7 @@ def _draw_nodes(ax: Axes, fit: ThermalFit) -> None:
     ax.plot(
         log.time_s, core, c="#222222", **figures.curve(0), label="core (in holds from the sensor)"
     )
-    body = fit.response.other + log.ambient_C
-    ax.plot(log.time_s, body, c=BODY_COLOUR, label="body", **figures.curve(1))
+    ax.plot(log.time_s, fit.response.body_C, c=BODY_COLOUR, label="body", **figures.curve(1))
     ax.set(ymargin=0.1, ylabel="model\n[°C]")
     ax.legend(**figures.BESIDE)
 

@@ -11,9 +11,7 @@ A cycle starts with each heating. Other columns are ignored.
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +23,7 @@ from scipy.ndimage import median_filter
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import number, read_text, reading
+from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.robot.coordinates import Array
 
 Flags = NDArray[np.bool_]
@@ -205,18 +203,13 @@ def read_heating_log(path: str | Path, ambient_C: float | None = None) -> Heatin
     Raises:
         InputError: If the file cannot be read, lacks a column, or is no such log.
     """
-    source = str(path)
-    times, readings, words = [], [], []
-    for index, row in enumerate(rows_in(path, COLUMNS), 1):
-        times.append(number_in(row, "time_s", index, source))
-        readings.append(number_in(row, "temp_C", index, source))
-        word = (row["mode"] or "").strip()
-        words.append(SYNONYMS.get(word, word))
-    time, sensor = np.array(times), np.array(readings)
+    table = read_csv(path, COLUMNS)
+    time, sensor = table.numbers("time_s", "temp_C").T
+    words = [SYNONYMS.get(word, word) for word in table.texts("mode")]
     if ambient_C is None:
         first = sensor[~spikes(time, sensor)]
         ambient_C = float(first[0]) if len(first) else math.nan
-    return HeatingLog(source, time, sensor, np.array(words), ambient_C)
+    return HeatingLog(table.source, time, sensor, np.array(words), ambient_C)
 
 
 def check_readings(readings_C: Array, column: str, source: str) -> None:
@@ -282,33 +275,3 @@ def spikes(time_s: Array, sensor_C: Array) -> Flags:
 def _running_median(values: Array, width: int) -> Array:
     filtered: Array = median_filter(values, min(width, len(values)), mode="mirror")
     return filtered
-
-
-def rows_in(path: str | Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Return the rows of a CSV file that has these columns.
-
-    Raises:
-        InputError: If it cannot be read, lacks a column, or has no row.
-    """
-    source = str(path)
-    with reading(source, "log"):
-        rows = csv.DictReader(read_text(Path(path), source).splitlines())
-        names = [name.strip() for name in rows.fieldnames or ()]
-        rows.fieldnames = names
-        for column in columns:
-            if column not in names:
-                allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
-                raise InputError(f"column {column}", "missing", allowed, source)
-        found = list(rows)
-        if not found:
-            raise InputError("rows", 0, "at least one row below the heading", source)
-        return found
-
-
-def number_in(row: Mapping[str, str], column: str, index: int, source: str) -> float:
-    """Return the finite number in a column of a row (from 1).
-
-    Raises:
-        InputError: If it is none.
-    """
-    return number(row[column], f"{column}, row {index}", source)

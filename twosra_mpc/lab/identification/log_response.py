@@ -25,7 +25,7 @@ from scipy.linalg import solveh_banded
 from scipy.signal import lfilter
 
 from twosra_mpc.lab.identification.heating_log import EvenLog, runs
-from twosra_mpc.lab.identification.log_plants import Plant, driven
+from twosra_mpc.lab.identification.log_plants import TwoNodePlant, driven
 from twosra_mpc.robot.coordinates import Array
 
 Lags = tuple[float, float]
@@ -136,18 +136,18 @@ class Response(NamedTuple):
 
     Attributes:
         core_C: Core, (n,).
-        other: The plant's other state [K above the air], (n,).
+        body_C: Body, (n,).
         sensor_C: Reading, (n,).
         duty: Share of full power from each point on; NaN in a hold, (n - 1,).
     """
 
     core_C: Array
-    other: Array
+    body_C: Array
     sensor_C: Array
     duty: Array
 
 
-def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Response:
+def respond(log: EvenLog, plant: TwoNodePlant, sensor: SensorLag, law: HeaterLaw) -> Response:
     """Let a model follow a log.
 
     The segment starts at the first reading; if that is above the air, as one that has cooled for
@@ -176,14 +176,14 @@ def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Re
             states[at, 0], lags[at, 0] = _corrected(
                 loop, states[at], lags[at], share[at : after - 1], reading[end:after]
             )
-    return Response(states[:, 0] + air, states[:, 1], lags[:, 1] + air, duty)
+    return Response(states[:, 0] + air, states[:, 1] + air, lags[:, 1] + air, duty)
 
 
 @dataclass(frozen=True)
 class _ClosedLoop:
     """Segment, sensor and firmware, whose law sees what the sensor shows."""
 
-    plant: Plant
+    plant: TwoNodePlant
     sensor: SensorLag
     law: HeaterLaw
     ambient_C: float

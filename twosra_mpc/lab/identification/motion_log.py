@@ -11,7 +11,6 @@ Times are seconds, or times of day to a second: the rows of a second are then sp
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 import re
@@ -24,7 +23,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import LARGEST, number, read_text, reading
+from twosra_mpc.files import LARGEST, reading
+from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -103,24 +103,15 @@ def read_motion_log(
 def _read(
     path: Path, robot: Robot, wheel_rad_s: Sequence[float] | None, mode: Mode | None
 ) -> MotionLog:
-    source = str(path)
-    rows = csv.reader(read_text(path, source).splitlines())
-    names = [name.strip() for name in next(rows, [])]
     segments = robot.coordinates.segments
     curvatures, stiffness = ([f"{letter}{j + 1}" for j in range(segments)] for letter in "ks")
+    table = read_csv(path, (), least_rows=0)
+    wheels = "LU1 x" in table.names
     trial = ("x", "y", "angle", *curvatures, *_V, *stiffness)
-    wheels = "LU1 x" in names
     clock, wanted = ("time stamp", _UNITS) if wheels else ("time", trial)
-    for name in (clock, *wanted):
-        if names.count(name) != 1:
-            allowed = f"one each of the columns {', '.join((clock, *wanted))}"
-            given = "missing" if name not in names else "given twice"
-            raise InputError(f"column {name}", given, allowed, source)
-    table = [row for row in rows if any(cell.strip() for cell in row)]
-    if len(table) < LEAST_ROWS:
-        raise InputError("rows", len(table), f"at least {LEAST_ROWS} below the heading", source)
-    values = np.array([_column(table, names.index(name), name, source) for name in wanted]).T
-    time_s = _times([_cell(row, names.index(clock)).strip() for row in table], clock, source)
+    table.check((clock, *wanted), LEAST_ROWS)
+    source, values = table.source, table.numbers(*wanted)
+    time_s = _times(table.texts(clock), clock, source)
     if not wheels:
         bits = values[:, -segments:]
         for row, column in np.argwhere((bits != 0) & (bits != 1)).tolist():
@@ -131,7 +122,7 @@ def _read(
         return _with_phases(MotionLog(source, time_s, q, bits.astype(int), v))
     speeds, driven = _what_was_driven(path, robot, wheel_rad_s, mode)
     q = _configurations(robot, _filled_poses(values, source), driven)
-    tiled = [np.tile(each, (len(table), 1)) for each in (np.array(driven), speeds)]
+    tiled = [np.tile(each, (len(values), 1)) for each in (np.array(driven), speeds)]
     return _with_phases(MotionLog(source, time_s, q, *tiled))
 
 
@@ -140,17 +131,6 @@ def _with_phases(log: MotionLog) -> MotionLog:
         allowed = f"one with two rows of one mode, not more than {LONGEST_STEP_S:zg} s apart"
         raise InputError("log", log.source, allowed)
     return log
-
-
-def _cell(row: list[str], column: int) -> str:
-    return row[column] if column < len(row) else ""
-
-
-def _column(table: list[list[str]], column: int, name: str, source: str) -> list[float]:
-    return [
-        number(_cell(row, column), f"{name}, row {index}", source)
-        for index, row in enumerate(table, 1)
-    ]
 
 
 def _times(texts: list[str], name: str, source: str) -> Array:

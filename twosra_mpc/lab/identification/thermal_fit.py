@@ -13,7 +13,6 @@ differ, so ranges are never narrower than `LOGS_DIFFER` on either side.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification import log_fit, plausibility
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
 from twosra_mpc.lab.identification.log_fit import Bounded, Family, Fitted, Residuals
-from twosra_mpc.lab.identification.log_plants import OneNodePlant, TwoNodePlant
+from twosra_mpc.lab.identification.log_plants import TwoNodePlant
 from twosra_mpc.lab.identification.log_response import HeaterLaw, Response, SensorLag, respond
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
@@ -48,14 +47,6 @@ _TWO_NODES = (
     Bounded(0.018, 1e-4, 1.0),
     Bounded(3.5, 0.05, 100.0),
     Bounded(0.0035, 1e-5, 0.1),
-    _LAG,
-    *_LAW,
-)
-_ONE_NODE = (
-    Bounded(0.8, 0.05, 50.0),
-    Bounded(0.006, 1e-5, 0.1),
-    Bounded(5.0, 1e-2, 200.0),
-    Bounded(5.0, 0.5, 30.0),
     _LAG,
     *_LAW,
 )
@@ -108,22 +99,6 @@ class HeldOut(NamedTuple):
     residuals: Residuals
 
 
-class Row(NamedTuple):
-    """A model in the comparison.
-
-    Attributes:
-        model: What it is.
-        fitted: Number of parameters that were fitted to the log.
-        residuals: On the log.
-        held_out_rms_C: Over all cycles, each left out of the fit in turn; NaN if not known.
-    """
-
-    model: str
-    fitted: int
-    residuals: Residuals
-    held_out_rms_C: float
-
-
 class Score(NamedTuple):
     """Misfit of a given segment to a log.
 
@@ -150,8 +125,8 @@ class ThermalFit:
         smallest: Over the fits that leave a cycle out; those of the fit without any.
         largest: The same.
         residuals: Of the best fit.
+        own_residuals: Of the robot's segment as it is, with the firmware's law fitted.
         held_out: Cross-validation by cycles; empty if the log has too few.
-        rows: This model, the robot's own, and one node with latent heat.
         log: The log as it was fitted.
         response: What the fitted model makes of it.
     """
@@ -164,10 +139,15 @@ class ThermalFit:
     smallest: Parameters
     largest: Parameters
     residuals: Residuals
+    own_residuals: Residuals
     held_out: tuple[HeldOut, ...]
-    rows: tuple[Row, ...]
     log: EvenLog
     response: Response
+
+    @property
+    def held_out_rms_C(self) -> float:
+        """Root mean square over all cycles, each left out of the fit in turn; NaN if not known."""
+        return log_fit.pooled_rms_C([part.residuals for part in self.held_out])
 
     @property
     def fitted(self) -> tuple[str, ...]:
@@ -185,11 +165,11 @@ class ThermalFit:
 def identify(
     log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None, segment: int = 0
 ) -> ThermalFit:
-    """Fit the two-node model to a log, cross-validate it, and compare it with others.
+    """Fit the two-node model to a log, and cross-validate it.
 
     Args:
         log: The log.
-        robot: Whose segment it is; its sensor gain and melting point count.
+        robot: Whose segment it is; its sensor gain counts.
         on_progress: Called with the number of fits done and to do.
         segment: Which segment of the robot it is, from 0.
 
@@ -199,26 +179,23 @@ def identify(
     """
     own = two_node_segment(robot, segment)
     even = _plausible(log)
-    families = two_nodes(own.sensor_gain), _one_node(own.sensor_gain, robot.heater.melting_point_C)
-    cycles = _separable_cycles(even)
-    done = _counted(on_progress, len(families) * (1 + len(cycles)))
-    two, one = (_study(family, even, cycles, done) for family in families)
-    named = dict(zip(Parameters._fields, _TWO_NODES, strict=True))
-    plausibility.check_fit(named, two.best, two.residuals, log.source)
-    found, errors = Parameters(*two.best.values), Parameters(*two.best.standard_errors)
-    held_out = tuple(HeldOut(k, Parameters(*part.values), unseen) for k, part, unseen in two.parts)
-    every = [found, *(part.parameters for part in held_out)]
-    smallest, largest = (Parameters(*map(pick, zip(*every, strict=True))) for pick in (min, max))
-    rows = (
-        two.row("two nodes, fitted"),
-        Row(
-            f"two nodes as in {robot.name}, heater law fitted",
-            len(_LAW),
-            score(log, own).residuals,
-            math.nan,
-        ),
-        one.row("one node with latent heat, fitted"),
+    family, cycles = two_nodes(own.sensor_gain), _separable_cycles(even)
+    done = _counted(on_progress, 1 + len(cycles))
+    best = done(log_fit.fit(family, even))
+    response = family.respond(best.values, even)
+    off = log_fit.residuals(even, response)
+    plausibility.check_fit(
+        dict(zip(Parameters._fields, _TWO_NODES, strict=True)), best, off, log.source
     )
+    held_out = []
+    for cycle in cycles:
+        here = even.cycle == cycle
+        part = Parameters(*done(log_fit.fit(family, even.scoring(~here), best.values)).values)
+        unseen = log_fit.residuals(even.scoring(here), family.respond(part, even))
+        held_out.append(HeldOut(cycle, part, unseen))
+    found, errors = Parameters(*best.values), Parameters(*best.standard_errors)
+    each = [found, *(part.parameters for part in held_out)]
+    smallest, largest = (Parameters(*map(pick, zip(*each, strict=True))) for pick in (min, max))
     return ThermalFit(
         source=log.source,
         robot=robot.name,
@@ -227,11 +204,11 @@ def identify(
         standard_errors=errors,
         smallest=smallest,
         largest=largest,
-        residuals=rows[0].residuals,
-        held_out=held_out,
-        rows=rows,
+        residuals=off,
+        own_residuals=score(log, own).residuals,
+        held_out=tuple(held_out),
         log=even,
-        response=two.response,
+        response=response,
     )
 
 
@@ -288,53 +265,12 @@ def two_nodes(sensor_gain: float) -> Family:
     return Family(_TWO_NODES, answer, ({0: 2.0, 1: 2.0}, {0: 0.5, 1: 0.5}))
 
 
-def _one_node(sensor_gain: float, melting_point_C: float) -> Family:
-    """One node that melts over an interval up to the melting point."""
-
-    def answer(values: Sequence[float], log: EvenLog) -> Response:
-        power, loss, latent, interval, lag, *law = values
-        high = melting_point_C - log.ambient_C
-        plant = OneNodePlant(power, loss, latent, (high - interval, high), log.step_s)
-        sensor = SensorLag(sensor_gain, lag, log.step_s)
-        return respond(log, plant, sensor, HeaterLaw(*law))
-
-    return Family(_ONE_NODE, answer, ({0: 2.0, 2: 4.0},))
-
-
 def _separable_cycles(log: EvenLog) -> list[int]:
     """Cycles that can be left out: the others both heat and cool."""
     heated, cooled = (
         set(log.cycle[log.scored & flags].tolist()) for flags in (log.heating, ~log.heating)
     )
     return [k for k in sorted(heated | cooled) if heated - {k} and cooled - {k}]
-
-
-class _Study(NamedTuple):
-    """A family fitted to a log: the best, its response, and (cycle, fit to others, residuals)."""
-
-    best: Fitted
-    response: Response
-    residuals: Residuals
-    parts: list[tuple[int, Fitted, Residuals]]
-
-    def row(self, model: str) -> Row:
-        """Sum it up."""
-        unseen = log_fit.pooled_rms_C([part[2] for part in self.parts])
-        return Row(model, len(self.best.values), self.residuals, unseen)
-
-
-def _study(
-    family: Family, log: EvenLog, cycles: list[int], done: Callable[[Fitted], Fitted]
-) -> _Study:
-    """Fit a family to a log, and to all of it but each of some cycles."""
-    best = done(log_fit.fit(family, log))
-    response, parts = family.respond(best.values, log), []
-    for cycle in cycles:
-        here = log.cycle == cycle
-        part = done(log_fit.fit(family, log.scoring(~here), best.values))
-        unseen = log_fit.residuals(log.scoring(here), family.respond(part.values, log))
-        parts.append((cycle, part, unseen))
-    return _Study(best, response, log_fit.residuals(log, response), parts)
 
 
 def described(

@@ -27,8 +27,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.identification import plausibility
-from twosra_mpc.lab.identification.heating_log import Flags, check_readings, number_in, rows_in
+from twosra_mpc.lab.identification.heating_log import Flags, check_readings
 from twosra_mpc.lab.identification.log_plants import TwoNodePlant, driven
 from twosra_mpc.lab.identification.log_response import SensorLag
 from twosra_mpc.lab.identification.thermal_fit import (
@@ -173,37 +174,31 @@ def read_transitions(
     source, other = str(path), str(readings)
     numbers = range(1, segments + 1)
     targets, sensors = [f"target{j}" for j in numbers], [f"reading{j}_C" for j in numbers]
-    seen: dict[int, list[list[float]]] = {}
-    columns = ("time_s", *sensors)
-    for i, row in enumerate(rows_in(readings, ("transition", *columns)), 1):
-        index = int(number_in(row, "transition", i, other))
-        seen.setdefault(index, []).append([number_in(row, name, i, other) for name in columns])
-    every = np.array([row[1:] for rows in seen.values() for row in rows])
-    check_readings(every, ", ".join(sensors), other)
+    columns = ("transition", "time_s", *sensors)
+    rows = read_csv(readings, columns).numbers(*columns)
+    check_readings(rows[:, 2:], ", ".join(sensors), other)
+    table = read_csv(path, ("transition", "kind", *targets, "duration_s"))
+    told = table.numbers("transition", "duration_s", *targets).tolist()
     found = []
-    for i, row in enumerate(rows_in(path, ("transition", "kind", *targets, "duration_s")), 1):
-        index = int(number_in(row, "transition", i, source))
-        duration_s = number_in(row, "duration_s", i, source)
-        if index not in seen:
+    for i, (kind, (number, duration_s, *soft)) in enumerate(
+        zip(table.texts("kind"), told, strict=True), 1
+    ):
+        index, here = int(number), rows[rows[:, 0].astype(int) == int(number), 1:]
+        if not len(here):
             allowed = f"a transition that {other} has readings of"
             raise InputError(f"transition, row {i}", index, allowed, source)
-        here = np.array(seen[index])
         last_s = float(here[-1, 0] - here[0, 0])
         if duration_s <= 0 or abs(last_s - duration_s) > _ENDS_S + _ENDS * last_s:
             allowed = f"seconds, about those of its readings ({last_s:zg}): minutes, hours?"
             raise InputError(f"duration_s, row {i}", duration_s, allowed, source)
-        kind, soft = (
-            (row["kind"] or "").strip(),
-            [number_in(row, name, i, source) for name in targets],
-        )
         if kind not in get_args(Kind) or not set(soft) <= {0.0, 1.0}:
             allowed = f"{' or '.join(get_args(Kind))}, targets 1 (soft) or 0 (rigid)"
             raise InputError(f"kind, row {i}", f"{kind}, {soft}", allowed, source)
         begin = np.median(here[here[:, 0] <= here[0, 0] + _BEGIN_S], axis=0)
         target = tuple(map(int, soft))
         begin_C, end_C = (tuple(at[1:].tolist()) for at in (begin, here[-1]))
-        told = index, cast(Kind, kind), target, duration_s, begin_C, end_C, here
-        found.append(LoggedTransition(*told))
+        known = index, cast(Kind, kind), target, duration_s, begin_C, end_C, here
+        found.append(LoggedTransition(*known))
     _check(found, source)
     return tuple(found)
 

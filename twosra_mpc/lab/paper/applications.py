@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from twosra_mpc.lab.paper.claims import Claim, Reading
-from twosra_mpc.lab.paper.kept import Data, Part, Tell
-from twosra_mpc.lab.paper.section import Picture, Section, Table, percent
+from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plotting import plot_plan
@@ -16,26 +15,22 @@ from twosra_mpc.robot.modes import sequence_name
 SCENARIOS = {"conform-cylinder": "conform to a cylinder", "grasp-cube": "grip a cube and move it"}
 
 
-def part() -> Part:
-    """Return plans of both, with figures."""
-
-    def compute(folder: Path, tell: Tell) -> Data:
-        data: Data = {}
-        for name in SCENARIOS:
-            tell(f"planning {name}")
-            found = plan(load_problem(name))
-            data[name] = {"status": str(found.status), "message": found.message}
-            if found.plan is None:
-                continue
-            plot_plan(found.plan, folder / f"{name}.png")
-            data[name] |= {
-                "sequence": found.plan.sequence,
-                "duration_s": found.plan.duration_s,
-                "gap": found.plan.search_gap,
-            }
-        return data
-
-    return Part("applications", {}, compute, tuple(f"{name}.png" for name in SCENARIOS))
+def compute(folder: Path, tell: Tell) -> Data:
+    """Plan both, with figures."""
+    data: Data = {}
+    for name in SCENARIOS:
+        tell(f"planning {name}")
+        found = plan(load_problem(name))
+        data[name] = {"status": str(found.status), "message": found.message}
+        if found.plan is None:
+            continue
+        plot_plan(found.plan, folder / f"{name}.png")
+        data[name] |= {
+            "sequence": found.plan.sequence,
+            "duration_s": found.plan.duration_s,
+            "gap": found.plan.search_gap,
+        }
+    return data
 
 
 _IN_THE_MODEL = "In the model: no object was touched."
@@ -64,18 +59,10 @@ def section(data: Data) -> Section:
         )
         for name, one in planned.items()
     ]
-    return Section(
-        name="applications",
-        title="Applications",
-        words=(
-            "The paper shows photographs of both. Here they are missions, planned for the robot"
-            " 2sra-v1 with the time that melting and freezing take.",
-        ),
-        claims=tuple(claims),
-        tables=(Table("Plans", _HEADER, tuple(rows), 2),),
-        pictures=tuple(
-            Picture(f"{name}.png", f"To {words}")
-            for name, words in SCENARIOS.items()
-            if name in planned
-        ),
+    return declared(
+        "applications",
+        data,
+        (Table("Plans", _HEADER, tuple(rows), 2),),
+        [f"{name}.png" for name in planned],
+        others=claims,
     )

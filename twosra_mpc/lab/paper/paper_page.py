@@ -6,9 +6,10 @@ import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from twosra_mpc.files import data_file
 from twosra_mpc.lab.paper.claims import Verdict
 from twosra_mpc.lab.paper.section import Section
-from twosra_mpc.report.page import data_file, environment, policy
+from twosra_mpc.report.page import environment, policy
 from twosra_mpc.report.words import versions
 
 _FOLDER = "lab/paper"
@@ -36,7 +37,7 @@ def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], fol
         verdicts: How many claims have which verdict.
         folder: Where the figures are.
     """
-    style = data_file("page.css") + data_file("paper.css", _FOLDER)
+    style = data_file("report/page.css") + data_file(f"{_FOLDER}/paper.css")
     return (
         environment(_FOLDER)
         .get_template("paper.html")

@@ -1,4 +1,4 @@
-"""The report on the paper: parts computed or kept, sections of them, one page and one JSON file.
+"""The report on the paper: numbers and figures of each section, one page and one JSON file.
 
 What is compared is Labazanova et al., "Self-Reconfigurable Soft-Rigid Mobile Agent with Variable
 Stiffness and Adaptive Morphology", IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749.
@@ -22,12 +22,11 @@ from twosra_mpc.lab.paper import (
     unit_paths,
 )
 from twosra_mpc.lab.paper.claims import Verdict
-from twosra_mpc.lab.paper.kept import Data, Kept, Tell
 from twosra_mpc.lab.paper.paper_page import paper_page
-from twosra_mpc.lab.paper.section import Section
+from twosra_mpc.lab.paper.section import Data, Section, Tell
 from twosra_mpc.lab.photographs.picture import Camera
 
-PAGE, NUMBERS, PARTS = "report.html", "numbers.json", "parts"
+PAGE, NUMBERS = "report.html", "numbers.json"
 SEGMENT_M = 0.04
 CAMERA = Camera(scale_m=SEGMENT_M / 8.4, length_m=SEGMENT_M, towards_px=(37.0, 34.0))
 """How the paper's photographs were taken: 168 of its pixels, each a twentieth, for a segment."""
@@ -87,20 +86,15 @@ def reproduce(
     folder: str | Path,
     sources: Sources = Sources(),
     *,
-    problems: int = 1000,
-    processes: int = 2,
+    problems: int = 100,
     tell: Tell = lambda _: None,
 ) -> PaperReport:
     """Compare the paper with what comes of it here; write the page, its figures and all numbers.
 
-    What was computed before by this version, from the same files and settings, is not computed
-    again.
-
     Args:
         folder: Where to; it is made if its parent exists.
         sources: Logs, photographs and simulations, as far as there are any.
-        problems: Random problems of each kind.
-        processes: How many compute them at a time.
+        problems: Random problems of each kind; the paper had 100.
         tell: Is told what is being done.
 
     Raises:
@@ -108,22 +102,19 @@ def reproduce(
     """
     if problems < 1:
         raise InputError("problems", problems, "1 or more")
-    if processes < 1:
-        raise InputError("processes", processes, "1 or more")
-    kept = Kept(_made(Path(folder)) / PARTS)
-    _made(kept.folder)
-    data: Data = {}
-    # What the user gave comes first: mistakes in it are told before minutes of work.
+    to = _made(Path(folder)), tell
+    found: Data = {}
+    # What the user gave comes first: mistakes in it are told before all other work.
     if sources.logs is not None:
-        data["trials"] = kept.get(trials.part(kept, sources.logs), tell)
+        found["trials"] = trials.compute(*to, sources.logs)
     if (pictures := sources.photographs) is not None:
-        part = photographs.part(pictures, sources.column, sources.camera)
-        data["curvature"] = kept.get(part, tell)
-    data["tasks"] = kept.get(published_tasks.part(sources.simulations), tell)
-    data["paths"] = kept.get(unit_paths.part(), tell)
-    data["equations"] = kept.get(equations.part(), tell)
-    data["applications"] = kept.get(applications.part(), tell)
-    data["statistics"] = kept.get(statistics.part(kept, problems, processes), tell)
+        found["curvature"] = photographs.compute(*to, pictures, sources.column, sources.camera)
+    found["tasks"] = published_tasks.compute(*to, sources.simulations)
+    found["paths"] = unit_paths.compute(*to)
+    found["equations"] = equations.compute(*to)
+    found["applications"] = applications.compute(*to)
+    found["statistics"] = statistics.compute(*to, problems)
+    data: Data = plain_data(found)
     report = PaperReport(
         (
             unit_paths.section(data["paths"]),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -11,25 +9,19 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import number, read_text, reading
+from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.figures.paper_figures import (
-    STEP_OF_TASK_S,
-    STEP_S,
-    TASK_COLOURS,
+    SIMULATION_OF_TASK,
+    both_plans,
     plot_error_decrease,
     plot_published_tasks,
 )
-from twosra_mpc.lab.paper.claims import Claim, equal, every
-from twosra_mpc.lab.paper.kept import Data, Part, Tell, digest
-from twosra_mpc.lab.paper.section import Picture, Section, Table, percent
-from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.problem.problem import load_problem
+from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 
 TASKS_FIGURE, ERROR_FIGURE = "published-tasks.png", "error-decrease.png"
-TASKS = tuple(TASK_COLOURS)
+TASKS = tuple(SIMULATION_OF_TASK)
 # Mode sequences and numbers of recorded rows of the authors' simulated trajectories, repository
 # 2sr-agent-simulation (simulations 4, 2, 3, 1 and 5 are the paper's experiments 1 to 5).
 PUBLISHED: dict[str, tuple[tuple[Mode, ...], int]] = {
@@ -44,29 +36,17 @@ _CLONED, _CLONED_COLUMNS = "Data/simulation*.csv", ("x", "y", "phi", "k1", "k2",
 _LEFT = (0.05, 0.001)  # shares of what is missing at the start
 
 
-def part(simulations: Path | None) -> Part:
-    """Return runs and plans of the five tasks, beside the authors' trajectories, if given."""
-
-    def compute(folder: Path, tell: Tell) -> Data:
-        rows = {} if simulations is None else read_simulations(simulations)
-        data = {}
-        for task in TASKS:
-            tell(f"running and planning {task}")
-            data[task] = _compare(task, rows.get(task))
-        tell("drawing the five tasks")
-        plot_published_tasks(folder / TASKS_FIGURE)
-        plot_error_decrease(folder / ERROR_FIGURE)
-        return data
-
-    settings = {"simulations": None if simulations is None else digest(simulations)}
-    return Part("tasks", settings, compute, (TASKS_FIGURE, ERROR_FIGURE))
-
-
-def simulated(task: str) -> PublishedTrajectory:
-    """Run the published loop on a published task."""
-    problem = load_problem(task)
-    ends = problem.start.configuration, problem.goal.configuration
-    return published_trajectory(*ends, step_s=STEP_OF_TASK_S.get(task, STEP_S))
+def compute(folder: Path, tell: Tell, simulations: Path | None) -> Data:
+    """Run and plan the five tasks, beside the authors' trajectories, if given."""
+    rows = {} if simulations is None else read_simulations(simulations)
+    data = {}
+    for task in TASKS:
+        tell(f"running and planning {task}")
+        data[task] = _compare(task, rows.get(task))
+    tell("drawing the five tasks")
+    plot_published_tasks(folder / TASKS_FIGURE)
+    plot_error_decrease(folder / ERROR_FIGURE)
+    return data
 
 
 def read_simulations(path: Path) -> dict[str, Array]:
@@ -89,7 +69,7 @@ def read_simulations(path: Path) -> dict[str, Array]:
     else:
         values = _table(path, _COLUMNS)
         cases = [values[values[:, 0] == case, 1:] for case in np.unique(values[:, 0])]
-    starts = {task: load_problem(task).start.configuration for task in TASKS}
+    starts = {task: simulation.start for task, simulation in SIMULATION_OF_TASK.items()}
     return {
         task: case
         for case in cases
@@ -100,31 +80,12 @@ def read_simulations(path: Path) -> dict[str, Array]:
 
 def _table(path: Path, columns: tuple[str, ...]) -> Array:
     """Columns of a CSV file, (rows, columns)."""
-    source = str(path)
-    with reading(source, "simulations"):
-        table = [row for row in csv.reader(read_text(path, source).splitlines()) if row]
-        names = [name.strip() for name in table[0]] if table else []
-        for name in columns:
-            if names.count(name) != 1:
-                given = "missing" if name not in names else "given twice"
-                allowed = f"one each of the columns {', '.join(columns)}"
-                raise InputError(f"column {name}", given, allowed, source)
-        places = [names.index(name) for name in columns]
-        values = [
-            [
-                number(row[at] if at < len(row) else "", f"{names[at]}, row {index}", source)
-                for at in places
-            ]
-            for index, row in enumerate(table[1:], 1)
-        ]
-        return np.array(values).reshape(-1, len(columns))
+    return read_csv(path, columns, "simulations", least_rows=0).numbers(*columns)
 
 
 def _compare(task: str, recorded: Array | None) -> dict[str, Any]:
-    run, problem = simulated(task), load_problem(task, robot="2sra-v1-paper")
-    greedy = plan(problem.with_values(planner="greedy")).require()
-    found = plan(problem).require()
-    target = problem.goal.configuration
+    simulation, (found, greedy) = SIMULATION_OF_TASK[task], both_plans(task)
+    run, target = simulation.run_freely(), simulation.goal
     rows = np.column_stack([run.q, run.mode])
     same = None
     if recorded is not None:
@@ -158,64 +119,23 @@ def _row(missing: Array, left: float) -> int:
 def section(data: Data) -> Section:
     """Compare runs with what was published."""
     of = {task: data[task] for task in TASKS}
-    given = any(of[task]["largest_difference"] is not None for task in TASKS)
-    missing = "Trajectories: give the authors' simulations with --simulations FILE."
-    return Section(
-        name="tasks",
-        title="Five pose-shape tasks",
-        words=(
-            "Algorithm 1 is run as published, on the model as published (steps of 0.05 s; 0.1 s for"
-            " task 5, which its authors' data need). It has no time for melting and freezing. The"
-            " table has what both planners take with it, for the robot as the paper models it.",
-        ),
-        claims=tuple(_claims(of)),
-        tables=(_runs(of), _durations(of)),
-        pictures=(
-            Picture(
-                TASKS_FIGURE, "The five tasks, as published (top) and as planned here (bottom)"
-            ),
-            Picture(
-                ERROR_FIGURE,
-                "Decrease of the distance to the target: in the published loop, and in time with"
-                " all waits",
-            ),
-        ),
-        missing="" if given else missing,
-    )
-
-
-def _claims(of: dict[str, Any]) -> Iterator[Claim]:
-    """Claims of the paper on the five simulations, beside what they do here."""
-    figure, five = "Fig. 6(a)", "of the five tasks"
-    sequences, lengths = (
-        float(np.mean([_as_published(task, of[task])[at] for task in TASKS])) for at in (0, 1)
-    )
-    reached = float(np.mean([of[task]["distance_left"] == 0.0 for task in TASKS]))
-    last = {left: float(np.mean([of[task]["last"][str(left)] for task in TASKS])) for left in _LEFT}
-    yield Claim(
-        "The five simulations use these modes, in this order", figure, (every(five, sequences),)
-    )
-    yield Claim("The five simulations have so many recorded rows", figure, (every(five, lengths),))
-    name = "largest difference of any coordinate (m, rad, 1/m) or mode"
-    differences = {task: of[task]["largest_difference"] for task in TASKS}
-    same = tuple(
-        equal(f"{task}: {name}", 0.0, difference, holds=1e-9, caveat=1e-2)
-        for task, difference in differences.items()
-    )
-    yield Claim("The five simulations take these trajectories", figure, same)
-    to_the_bit = every("of the five tasks, to the last bit", reached)
-    yield Claim("The simulated planner meets its targets", "Algorithm 1", (to_the_bit,))
-    later = tuple(
-        every(
-            f"{five}: {100 * (1 - left):zg} % of x and y done later than of the shape", last[left]
-        )
-        for left in _LEFT
-    )
-    yield Claim(
-        "x and y are what the planner fits last",
-        "section Pose-Shape Formation",
-        later,
-        "The shape is bent first, then a rigid phase makes up for what is left in x and y.",
+    differences = {task: one["largest_difference"] for task, one in of.items()}
+    sequences, lengths = zip(*(_as_published(*each) for each in of.items()), strict=True)
+    found = differences | {
+        "sequences": np.mean(sequences),
+        "rows": np.mean(lengths),
+        "reached": np.mean([one["distance_left"] == 0.0 for one in of.values()]),
+        **{
+            f"last_{left}": np.mean([one["last"][str(left)] for one in of.values()])
+            for left in _LEFT
+        },
+    }
+    return declared(
+        "tasks",
+        found,
+        (_runs(of), _durations(of)),
+        (TASKS_FIGURE, ERROR_FIGURE),
+        missing=set(differences.values()) == {None},
     )
 
 

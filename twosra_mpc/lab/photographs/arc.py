@@ -21,7 +21,7 @@ import numpy as np
 from scipy import ndimage, stats
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.photographs.picture import Camera, Mask, Photograph, check_length
+from twosra_mpc.lab.photographs.picture import Camera, Mask, Photograph, check_length, cut_out
 from twosra_mpc.robot.coordinates import Array
 
 COMPATIBLE = 0.05  # least chance, if the segment were an arc, of a line at least as far off
@@ -101,7 +101,7 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
     Raises:
         InputError: If what is bright is much shorter or longer than the segment, or round.
     """
-    grey, first = _cut(photograph.grey, region)
+    grey, first = cut_out(photograph, region, _MARGIN)
     check_length(photograph, float(np.hypot(*np.ptp(np.argwhere(region), axis=0))), camera)
     noise = _noise(photograph.grey, region)
     dark = float(np.median(photograph.grey[~region]))
@@ -144,13 +144,6 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
         line_px=points + residual[:, None] * normals,
         arc_px=guess.at(np.linspace(s[0], s[-1], _DRAWN))[0],
     )
-
-
-def _cut(grey: Array, region: Mask) -> tuple[Array, tuple[int, int]]:
-    """The part of a picture around a segment, and the pixel (row, column) that it begins at."""
-    rows, columns = ndimage.find_objects(region.astype(int))[0]
-    top, left = (max(part.start - _MARGIN, 0) for part in (rows, columns))
-    return grey[top : rows.stop + _MARGIN, left : columns.stop + _MARGIN], (top, left)
 
 
 def _towards_end(points: Array, camera: Camera) -> bool:

@@ -146,12 +146,16 @@ def upsampled(photograph: Photograph, region: Mask, factor: int) -> tuple[Array,
         Grey values, ``factor`` times as many rows and columns, and the pixel (row, column) that
         the cut begins at. The middle of fine pixel i is at (i + 0.5) / factor - 0.5 of the cut.
     """
-    parts = ndimage.find_objects(region.astype(int))[0]
-    top, left = (max(part.start - _MARGIN, 0) for part in parts)
-    bottom, right = (part.stop + _MARGIN for part in parts)
-    cut = photograph.grey[top:bottom, left:right]
+    cut, first = cut_out(photograph, region, _MARGIN)
     rows, columns = (_cubic(size, factor) for size in cut.shape)
-    return np.clip(np.rint(rows @ cut @ columns.T), 0, WHITE), (top, left)
+    return np.clip(np.rint(rows @ cut @ columns.T), 0, WHITE), first
+
+
+def cut_out(photograph: Photograph, region: Mask, margin: int) -> tuple[Array, tuple[int, int]]:
+    """Grey values around a segment, and the pixel (row, column) that they begin at."""
+    rows, columns = ndimage.find_objects(region.astype(int))[0]
+    top, left = (max(part.start - margin, 0) for part in (rows, columns))
+    return photograph.grey[top : rows.stop + margin, left : columns.stop + margin], (top, left)
 
 
 def _cubic(size: int, factor: int) -> Array:

@@ -6,7 +6,6 @@ they are; without one, a picture's number (``picture-017.png``: 17) is its row, 
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text, reading
+from twosra_mpc.lab.csv_table import CsvTable, number, read_csv
 from twosra_mpc.lab.photographs.picture import number_of
 from twosra_mpc.robot.coordinates import Array
 
@@ -59,51 +58,28 @@ def read_references(path: str | Path, column: str, pictures: Sequence[Path]) -> 
         InputError: If the file cannot be read, a column is missing or given twice, a curvature is
             no finite number (with its row, the first being 0), or a picture has none or two.
     """
-    with reading(str(path), "references"):
-        return _read(Path(path), column, pictures)
-
-
-def _read(path: Path, column: str, pictures: Sequence[Path]) -> Array:
-    source = str(path)
-    rows = csv.reader(read_text(path, source).splitlines())
-    names = [name.strip() for name in next(rows, [])]
-    if names.count(column) != 1:
-        given = "given twice" if column in names else "missing"
-        raise InputError(f"column {column}", given, f"one of {', '.join(names) or 'any'}", source)
-    if names.count(PICTURE) > 1:
-        raise InputError(f"column {PICTURE}", "given twice", "one, or none", source)
-    table = [row for row in rows if any(cell.strip() for cell in row)]
-    row_of = _rows_by_name(table, names.index(PICTURE), source) if PICTURE in names else None
-    found = []
+    table = read_csv(path, (column,), "references", least_rows=0)
+    if (named := table.names.count(PICTURE)) > 1:
+        raise InputError(f"column {PICTURE}", "given twice", "one, or none", table.source)
+    row_of = _rows_by_name(table) if named else None
+    cells, found = table.texts(column), []
     for picture in pictures:
-        number = number_of(picture.stem) if row_of is None else row_of.get(picture.name, math.inf)
-        if not number < len(table):
-            allowed = f"pictures with a row of their own; there are {len(table)}, from 0"
-            raise InputError(PICTURE, picture.name, allowed, source)
-        found.append(_curvature(table, int(number), names.index(column), column, source))
+        row = number_of(picture.stem) if row_of is None else row_of.get(picture.name, math.inf)
+        if not row < len(cells):
+            allowed = f"pictures with a row of their own; there are {len(cells)}, from 0"
+            raise InputError(PICTURE, picture.name, allowed, table.source)
+        found.append(number(cells[int(row)], f"{column}, row {int(row)}", table.source))
     return np.array(found)
 
 
-def _rows_by_name(table: list[list[str]], column: int, source: str) -> dict[str, float]:
+def _rows_by_name(table: CsvTable) -> dict[str, float]:
     rows: dict[str, float] = {}
-    for number, row in enumerate(table):
-        name = row[column].strip() if column < len(row) else ""
+    for row, name in enumerate(table.texts(PICTURE)):
         if name in rows or not name:
             allowed = "the name of a file that no other row has"
-            raise InputError(f"{PICTURE}, row {number}", name, allowed, source)
-        rows[name] = number
+            raise InputError(f"{PICTURE}, row {row}", name, allowed, table.source)
+        rows[name] = row
     return rows
-
-
-def _curvature(table: list[list[str]], row: int, at: int, column: str, source: str) -> float:
-    text = table[row][at] if at < len(table[row]) else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{column}, row {row}", text, "a finite number", source)
-    return value
 
 
 def load_cycles(reference: Array) -> list[slice]:

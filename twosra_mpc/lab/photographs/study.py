@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +25,8 @@ from twosra_mpc.lab.photographs.picture import (
     read_photograph,
 )
 from twosra_mpc.lab.photographs.published_steps import PublishedCurvature, published_curvature
-from twosra_mpc.lab.photographs.references import Deviation, deviation, read_references
+from twosra_mpc.lab.photographs.references import deviation, read_references
+from twosra_mpc.robot.coordinates import Array
 
 COLUMNS = (
     *("folder", "picture", "reference_per_m"),
@@ -33,6 +36,10 @@ COLUMNS = (
 )
 Tell = Callable[[int, int], None]
 
+BANDS = tuple(itertools.pairwise((0.0, 10.0, 20.0, 35.0, 50.0, math.inf)))  # |reference| [1/m]
+BAND_NAMES = tuple(
+    f"{low:zg} to {high:zg}" if high < math.inf else f"from {low:zg}" for low, high in BANDS
+)
 ESTIMATORS = {"published": "published_per_m", "arc": "arc_per_m"}
 
 
@@ -151,17 +158,39 @@ def _numbers(measured: Measured | None) -> list[float]:
     ]
 
 
-def deviations(found: Sequence[Sequence[Estimate]]) -> dict[str, Deviation]:
-    """Deviations of both estimators from references, over all folders of estimates."""
+def summary(found: Sequence[Sequence[Estimate]]) -> dict[str, Any]:
+    """Numbers of folders of estimates; deviations and errors by band only with references."""
+    every = [each for one in found for each in one]
+    measured = [each.measured for each in every if each.measured is not None]
+    spread = np.array([each.published.spread_per_m for each in measured])
     return {
-        name: deviation(
-            [
-                (
-                    np.array([getattr(each, field) for each in one]),
-                    np.array([each.reference_per_m for each in one]),
-                )
-                for one in found
-            ]
-        )
-        for name, field in ESTIMATORS.items()
+        "pictures": len(every),
+        "refused": len(every) - len(measured),
+        "published_mean_spread_per_m": _mean(spread[np.isfinite(spread)]),
+        "share_compatible_with_an_arc": _mean([each.arc.fits for each in measured]),
+        "median_scatter_m": float(np.median([each.arc.scatter_m for each in measured])),
+        "median_standard_error_per_m": float(
+            np.median([each.arc.standard_error_per_m for each in measured])
+        ),
+        "deviations": {
+            name: deviation([_series(one, name) for one in found]) for name in ESTIMATORS
+        },
+        "bands_mse_per_m2": {name: _by_band(*_series(every, name)) for name in ESTIMATORS},
     }
+
+
+def _series(estimates: Sequence[Estimate], name: str) -> tuple[Array, Array]:
+    """Estimates by one of the estimators, and references [1/m], (n,) each."""
+    found = [getattr(each, ESTIMATORS[name]) for each in estimates]
+    return np.array(found), np.array([each.reference_per_m for each in estimates])
+
+
+def _by_band(estimate: Array, reference: Array) -> list[float | None]:
+    """Mean square error of the estimates in each band of references; None in an empty one."""
+    off, size = (estimate - reference) ** 2, np.abs(reference)
+    inside = [off[(low <= size) & (size < high)] for low, high in BANDS]
+    return [_mean(band[np.isfinite(band)]) for band in inside]
+
+
+def _mean(values: Array | Sequence[float]) -> float | None:
+    return float(np.mean(values)) if len(values) else None

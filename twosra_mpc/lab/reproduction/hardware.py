@@ -7,14 +7,18 @@ recipe: columns of the log are averaged over 15 rows, the simulation's last row 
 both are equally long, each column gets mean 0 and standard deviation 1, and its points are (row,
 value); rows are not scaled, so the distance is mostly one of rows.
 
+The first heating of a trial is before its log: the controller of the trials slept a fixed time,
+whatever the metal did (``mainController.py`` of the authors' 2sr-agent-control).
+
 Trials: Labazanova et al., IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -22,13 +26,12 @@ from scipy.spatial.distance import cdist
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import require
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
-from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
 from twosra_mpc.lab.reproduction.published_model import checked_configuration
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, ModeSequence
+from twosra_mpc.robot.modes import ModeSequence
 
 EXTRA = "paper"
 WINDOW = 15  # rows, of the trailing mean
@@ -38,89 +41,45 @@ PLACED = np.array([0.02, 0.02, 0.15, 5.0, 5.0])
 # Where a clone of the authors' repository 2sr-agent-control has its trials.
 _CLONED = ("ExpData/mainExperiment*.csv", "Analysis/*.csv")
 
+HEAT_ONE_S, HEAT_BOTH_S = 102.0, 100.0  # the controller's sleep while one or both segments melt
+
 Q = tuple[float, ...]  # of [x, y, phi, kappa_1, kappa_2]
 
 
-@dataclass(frozen=True)
-class DtwRow:
+class DtwRow(NamedTuple):
     """Distances of a log from a simulation, of x, y, phi, kappa_1 and kappa_2.
 
     Attributes:
-        source: Name of the log.
         published: Distances by the published recipe, without a unit, (5,).
         mean: Mean deviation along the path of time warping [m, m, rad, 1/m, 1/m], (5,).
         largest: Largest deviation along it, likewise.
-        rows: Of the log.
-        padded: Rows of the simulation that are copies of its last one.
     """
 
-    source: str
     published: Q
     mean: Q
     largest: Q
-    rows: int
-    padded: int
 
 
-@dataclass(frozen=True)
-class PhaseRow:
-    """A phase of a log.
-
-    Attributes:
-        mode: Its mode.
-        wait_s: Wait before it; of the first phase by the rule, for it is not in the log.
-        begin_s: First row, since the log's first.
-        end_s: Last row.
-        rows: How many.
-        start: Configuration of the first row [m, m, rad, 1/m, 1/m].
-        end: Of the last.
-    """
-
-    mode: Mode
-    wait_s: float
-    begin_s: float
-    end_s: float
-    rows: int
-    start: Q
-    end: Q
-
-    @property
-    def motion_s(self) -> float:
-        """Time in motion [s]."""
-        return self.end_s - self.begin_s
-
-
-@dataclass(frozen=True)
-class WaitingShares:
+class WaitingShares(NamedTuple):
     """Shares of the time of a log.
 
     Attributes:
-        source: Name of the log.
-        phases: Its phases.
-        first_heating_s: Wait before the log, by the rule.
+        sequence: Modes of its phases.
+        first_heating_s: Wait before the log, by the controller of the trials.
         waits_s: Waits in the log.
         motion_s: The rest of the log.
-        share_waiting: Of all time, the first heating included.
+        total_s: All time, the first heating included.
+        share_waiting: Waits over all time, the first heating included.
         final_error: Last configuration less the target [m, m, rad, 1/m, 1/m]; empty without one.
     """
 
-    source: str
-    phases: tuple[PhaseRow, ...]
+    sequence: ModeSequence
     first_heating_s: float
     waits_s: float
     motion_s: float
+    total_s: float
     share_waiting: float
     final_error: Q
-
-    @property
-    def sequence(self) -> ModeSequence:
-        """Modes of the phases."""
-        return tuple(phase.mode for phase in self.phases)
-
-    @property
-    def total_s(self) -> float:
-        """All time, the first heating included."""
-        return self.first_heating_s + self.waits_s + self.motion_s
 
 
 def trial_paths(folder: str | Path) -> list[Path]:
@@ -175,8 +134,8 @@ def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
         raise InputError("rows", len(log.q), f"more than {WINDOW}", log.source)
     windows = np.lib.stride_tricks.sliding_window_view(log.q, WINDOW, axis=0)
     q, simulated = windows.mean(axis=-1), simulation.q
-    padded = max(len(q) - len(simulated), 0)
-    simulated = np.vstack([simulated, np.repeat(simulated[-1:], padded, axis=0)])
+    rest = np.repeat(simulated[-1:], max(len(q) - len(simulated), 0), axis=0)
+    simulated = np.vstack([simulated, rest])
     published, mean, largest = [], [], []
     for mine, theirs in zip(q.T, simulated.T, strict=True):
         published.append(_warped(_points(mine), _points(theirs))[0])
@@ -184,7 +143,7 @@ def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
         apart = np.abs(mine[path[:, 0]] - theirs[path[:, 1]])
         mean.append(float(apart.mean()))
         largest.append(float(apart.max()))
-    return DtwRow(log.source, tuple(published), tuple(mean), tuple(largest), len(log.q), padded)
+    return DtwRow(tuple(published), tuple(mean), tuple(largest))
 
 
 def _points(column: Array) -> Array:
@@ -223,9 +182,7 @@ def _cumulative(apart: Array) -> Array:
 
 
 def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> WaitingShares:
-    """Tell where the time of a log went.
-
-    The first heating is before the log: it is taken from the rule of the trials.
+    """Shares of waiting and motion in the time of a log.
 
     Args:
         log: The log.
@@ -234,35 +191,19 @@ def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> Wait
     Raises:
         InputError: If it is no log of inputs and two segments, or the goal is none.
     """
-    last, rows = _log_of_two_segments(log).q[-1], log.phases
+    last, time_s = _log_of_two_segments(log).q[-1], log.time_s
     target = None if goal is None else checked_configuration("goal", goal)
-    first_heating_s = fixed_waits_s((_mode(log, rows[0]),))[0]
-    phases: list[PhaseRow] = []
-    for each in rows:
-        begin_s, end_s = float(log.time_s[each.start]), float(log.time_s[each.stop - 1])
-        phases.append(
-            PhaseRow(
-                mode=_mode(log, each),
-                wait_s=begin_s - phases[-1].end_s if phases else first_heating_s,
-                begin_s=begin_s,
-                end_s=end_s,
-                rows=each.stop - each.start,
-                start=tuple(log.q[each.start].tolist()),
-                end=tuple(log.q[each.stop - 1].tolist()),
-            )
-        )
-    waits_s = sum((phase.wait_s for phase in phases[1:]), 0.0)
-    logged_s = float(log.time_s[-1])
+    sequence = tuple(tuple(log.mode[phase.start].tolist()) for phase in log.phases)
+    first_heating_s = (0.0, HEAT_ONE_S, HEAT_BOTH_S)[sum(sequence[0])]
+    gaps = itertools.pairwise(log.phases)
+    waits_s = float(sum(time_s[after.start] - time_s[before.stop - 1] for before, after in gaps))
+    total_s = first_heating_s + float(time_s[-1])
     return WaitingShares(
-        source=log.source,
-        phases=tuple(phases),
+        sequence=sequence,
         first_heating_s=first_heating_s,
         waits_s=waits_s,
-        motion_s=logged_s - waits_s,
-        share_waiting=(first_heating_s + waits_s) / (first_heating_s + logged_s),
+        motion_s=float(time_s[-1]) - waits_s,
+        total_s=total_s,
+        share_waiting=(first_heating_s + waits_s) / total_s,
         final_error=() if target is None else tuple((last - target).tolist()),
     )
-
-
-def _mode(log: MotionLog, phase: slice) -> Mode:
-    return tuple(log.mode[phase.start].tolist())

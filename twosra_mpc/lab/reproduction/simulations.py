@@ -49,8 +49,13 @@ class Simulation:
             self.start, self.goal, step_s=self.step_s, switch_iterations=self.switches
         )
 
+    @cache  # noqa: B019 (the same)
+    def run_freely(self) -> PublishedTrajectory:
+        """The published loop on the same task, switching where the last bit tells it to here."""
+        return published_trajectory(self.start, self.goal, step_s=self.step_s)
 
-# Trial of the hardware -> its simulation.
+
+# Trial of the hardware -> its simulation; trial n has the task paper-n.
 SIMULATIONS = {
     1: Simulation(4, "paper-1", 0.05, (162, 216, 254)),
     2: Simulation(2, "paper-2", 0.05, (162,)),

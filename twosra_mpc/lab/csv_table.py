@@ -1,0 +1,100 @@
+"""Logs as CSV files: a heading with the names of the columns, and a row for each record."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import LARGEST, read_text, reading
+from twosra_mpc.robot.coordinates import Array
+
+
+class CsvTable(NamedTuple):
+    """Rows of a CSV file below its heading, without empty ones.
+
+    Attributes:
+        source: Name of the file.
+        names: Names of the columns.
+        rows: Cells of each row; a short row has fewer.
+    """
+
+    source: str
+    names: list[str]
+    rows: list[list[str]]
+
+    def check(self, columns: Sequence[str], least_rows: int = 1) -> None:
+        """Refuse a table without these columns, or with one of them twice, or with fewer rows.
+
+        Raises:
+            InputError: Naming the column.
+        """
+        for column in columns:
+            if self.names.count(column) != 1:
+                given = "given twice" if column in self.names else "missing"
+                allowed = f"one each of the columns {', '.join(columns)}"
+                raise InputError(f"column {column}", given, allowed, self.source)
+        if len(self.rows) < least_rows:
+            allowed = f"at least {'one row' if least_rows == 1 else least_rows} below the heading"
+            raise InputError("rows", len(self.rows), allowed, self.source)
+
+    def texts(self, column: str) -> list[str]:
+        """Cells of a column, without blanks around them; of a short row it is empty."""
+        at = self.names.index(column)
+        return [row[at].strip() if at < len(row) else "" for row in self.rows]
+
+    def numbers(self, *columns: str) -> Array:
+        """Numbers in some columns, (rows, columns).
+
+        Raises:
+            InputError: If a cell is no finite number; column and row, from 1, are named.
+        """
+        found = [
+            [number(text, f"{column}, row {row}", self.source) for row, text in enumerate(texts, 1)]
+            for column, texts in zip(columns, map(self.texts, columns), strict=True)
+        ]
+        return np.array(found, dtype=float).reshape(len(columns), -1).T
+
+
+def read_csv(
+    path: str | Path, columns: Sequence[str], what: str = "log", least_rows: int = 1
+) -> CsvTable:
+    """Read a CSV file that has these columns.
+
+    Args:
+        path: The file.
+        columns: Names of columns that must be there, each once.
+        what: Kind of file, to be named in errors.
+        least_rows: Rows that it must have.
+
+    Raises:
+        InputError: If it cannot be read, a column is missing or given twice, or rows are missing.
+    """
+    source = str(path)
+    with reading(source, what):
+        names, *rows = [*csv.reader(read_text(Path(path), source).splitlines())] or [[]]
+    table = CsvTable(
+        source, [name.strip() for name in names], [row for row in rows if any(map(str.strip, row))]
+    )
+    table.check(columns, least_rows)
+    return table
+
+
+def number(text: str, field: str, source: str) -> float:
+    """Return the number in a cell.
+
+    Raises:
+        InputError: If it is none, or not finite, or beyond ``LARGEST``.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST:
+        raise InputError(field, text, f"a finite number, at most {LARGEST:zg} in size", source)
+    return value
