@@ -19,6 +19,7 @@ from typing import ClassVar, NamedTuple
 import pytest
 import shapely
 from click.testing import CliRunner, Result
+from once import planned
 from pydantic import TypeAdapter
 from rich.console import Console
 
@@ -49,7 +50,7 @@ from benchmarks.studies.tracker_step import TrackerSteps, tracker_setup
 from benchmarks.studies.tracker_step.agreement import disagreements
 from benchmarks.study import Measured, Study
 from benchmarks.thermal_scale import thermally_faster
-from twosra_mpc import InputError, Robot, load_problem, load_robot, plan, robot_shape
+from twosra_mpc import InputError, Robot, load_problem, load_robot, robot_shape
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
@@ -467,7 +468,7 @@ def test_steps_of_the_tracker_are_timed_and_compared() -> None:
 
 @pytest.mark.parametrize("case", list(TrackerSteps().cases()), ids=str)
 def test_the_first_input_is_that_of_the_nonlinear_program(case: TrackedPhase) -> None:
-    of = plan(load_problem(case.scenario)).require()
+    of = planned(case.scenario)
     setup = tracker_setup(of, case.phase)
     apart = disagreements(of, case.phase, setup, states=2)
     assert max(apart) < AGREED

@@ -21,11 +21,12 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
 from heating import true_history, write_log
 from matplotlib.figure import Figure
 from melts import made_up
 from melts import write as write_rows
+from once import planned, solved
 from photographs import write_folder
 from rich import box
 from rich.console import Console
@@ -37,14 +38,7 @@ from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
 from twosra_mpc import NoPlanError, Result, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import (
-    options,
-    output,
-    planning,
-    robot_line,
-    simulate_command,
-    stream_command,
-)
+from twosra_mpc.cli import options, output, planning, robot_line, simulate_command, stream_command
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
@@ -104,7 +98,7 @@ def command(name: str) -> click.Command:
 # --- JSON and quiet ------------------------------------------------------------------------------
 
 
-def test_nothing_but_json_is_printed_for_programs(run: Run, solved: Solved) -> None:
+def test_nothing_but_json_is_printed_for_programs(run: Run) -> None:
     code, out, err = run("plan", "shape-change", "--json", "--out", "plan.json")
     assert (code, err) == (0, "")
     found = json.loads(out)
@@ -263,7 +257,7 @@ NARROW: list[list[str]] = [
 
 @pytest.mark.parametrize("arguments", NARROW, ids=" ".join)
 def test_tables_fit_100_columns_in_a_pipe_unless_more_are_asked_for(
-    arguments: list[str], run_as_is: Run, solved: Solved, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], run_as_is: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("COLUMNS")
     solved("rigid-move").save("plan.json")
@@ -300,7 +294,7 @@ PROGRESS: list[tuple[list[str], str]] = [
 @pytest.mark.usefixtures("terminal", "quick", "one_run")
 @pytest.mark.parametrize(("arguments", "words"), PROGRESS, ids=[" ".join(a) for a, _ in PROGRESS])
 def test_progress_is_shown_on_a_terminal_only_and_not_with_quiet(
-    run: Run, solved: Solved, arguments: list[str], words: str
+    run: Run, arguments: list[str], words: str
 ) -> None:
     solved("rigid-move").save("plan.json")
     code, out, err = run(*arguments)
@@ -415,7 +409,7 @@ def test_every_command_teaches_by_example(name: str) -> None:
 
 
 @pytest.fixture
-def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
+def connect(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Put a simulated robot and its clock at the end of a line: so many numbers end a command."""
     with ExitStack() as stack:
 
@@ -430,7 +424,7 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 
 @pytest.fixture(scope="module")
-def proved(solved: Solved) -> Result:
+def proved() -> Result:
     """A plan that carries its proof."""
     found = solved("shape-change")
     proof = Prover(found.problem).certificate(found.lower_bound or 0.0)

@@ -9,7 +9,6 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import Solved
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.colors import to_rgb
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
+from once import solved
 
 from twosra_mpc import Plan, load_problem
 from twosra_mpc.execution import simulate
@@ -73,7 +73,7 @@ FIGURES: dict[str, Callable[[Made], Iterator[Figure]]] = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_words_and_curves_of_every_figure_are_seen(name: str, solved: Solved) -> None:
+def test_words_and_curves_of_every_figure_are_seen(name: str) -> None:
     for figure in FIGURES[name](lambda scenario: solved(scenario).require()):
         for (words, box), (others, place) in itertools.combinations(drawn_words(figure), 2):
             assert not box.overlaps(place), f"{words!r} lies on {others!r}"
@@ -95,7 +95,7 @@ def drawn_words(figure: Figure) -> list[tuple[str, Bbox]]:
             found[words] = box
         draw(words, renderer)
 
-    figure.canvas.draw()
+    figure.draw_without_rendering()  # puts everything in its place
     with patch.object(Text, "draw", noted):
         figure.canvas.draw()
     return [(words.get_text(), box) for words, box in found.items()]

@@ -14,11 +14,7 @@ import numpy as np
 import pytest
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.reproduction.error_curves import (
-    TIMES,
-    deviation,
-    starts_above,
-)
+from twosra_mpc.lab.reproduction.error_curves import TIMES, deviation, starts_above
 from twosra_mpc.lab.reproduction.greedy_statistics import (
     REFUSED,
     OptimalProblem,

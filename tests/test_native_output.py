@@ -14,8 +14,8 @@ from pathlib import Path
 
 import click
 import pytest
-from conftest import Solved
 from heating import true_history, write_log
+from once import solved
 from photographs import write_folder
 from test_occupancy_map import write_map
 from test_replay import TRIAL, TRIAL_1
@@ -92,7 +92,7 @@ def ran(*command: str, given: str = "") -> tuple[int, str, str]:
 
 
 @pytest.fixture(scope="module")
-def folder(solved: Solved, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the commands read."""
     folder = tmp_path_factory.mktemp("folder")
     solved("shape-change").save(folder / "plan.json")

@@ -7,11 +7,11 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from once import planned, solution, solved
 from problems import at, goal_tree, only_goal
 from worlds import random_world
 
@@ -70,18 +70,13 @@ def random_problem(seed: int, robot: Robot = ROBOT) -> Problem:
     raise AssertionError
 
 
-@cache
-def solved(seed: int) -> Result:
-    return plan(random_problem(seed))
-
-
 def blocks(result: Result) -> int:
     return blocks_of(tuple(phase.mode for phase in result.require().phases))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_random_scenes_are_planned_verified_and_bounded(seed: int) -> None:
-    result = solved(seed)
+    result = solution(random_problem(seed))
     made = result.require()
     assert result.lower_bound is not None
     assert verify(made.trajectory).ok
@@ -98,7 +93,7 @@ def test_random_scenes_are_planned_verified_and_bounded(seed: int) -> None:
 
 
 def test_the_bound_among_obstacles_is_no_lower_than_without() -> None:
-    result = solved(1)
+    result = solution(random_problem(1))
     free = plan(
         result.problem.with_values(obstacles=(), workspace=None, gap=0.0, work_limit=5000.0)
     )
@@ -142,7 +137,7 @@ def test_more_obstacles_never_make_it_proved_cheaper() -> None:
 
 
 def test_a_corridor_too_narrow_for_its_shape_takes_two_reshapings() -> None:
-    made = plan(load_problem("corridor", gap=0.1))
+    made = solved("corridor", gap=0.1)
     assert blocks(made) == 2
     assert made.require().verification.ok
     necessity = Necessity(made.problem)
@@ -153,7 +148,7 @@ def test_a_corridor_too_narrow_for_its_shape_takes_two_reshapings() -> None:
 
 
 def test_a_blocked_way_is_proved_with_its_reason() -> None:
-    result = plan(load_problem("blocked"))
+    result = solved("blocked")
     assert result.status is Status.INFEASIBLE
     assert result.plan is None
     assert "locomotion unit" in result.message
@@ -233,7 +228,7 @@ def test_a_start_nearer_than_the_clearance_may_be_left() -> None:
 
 
 def test_soft_travel_is_respected() -> None:
-    made = solved(1).require()
+    made = solution(random_problem(1)).require()
     q, phases = made.trajectory, made.phases
     runs = soft_runs(tuple(phase.mode for phase in phases))
     assert runs
@@ -396,7 +391,7 @@ def test_of_chains_that_cost_nothing_the_shortest_is_taken(seed: int) -> None:
 
 def test_a_robot_that_conforms_drives_there_straight_on() -> None:
     """Its segment melts for longer than any way there takes; it went to and fro."""
-    made = plan(load_problem("conform-cylinder")).require()
+    made = planned("conform-cylinder")
     drive = made.phases[0]
     assert is_rigid(drive.mode)
     q = made.trajectory.at(np.linspace(drive.start_s, drive.end_s, 400)).q

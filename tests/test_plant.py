@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from conftest import Planned
+from once import planned
 
 from twosra_mpc import InputError, Plan, Problem, load_problem
 from twosra_mpc.control.controller import stiffness_controller
@@ -385,9 +385,7 @@ def test_a_start_above_the_melting_point_is_soft() -> None:
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-5"])
-def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(
-    name: str, planned: Planned
-) -> None:
+def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(name: str) -> None:
     made, step_s = planned(name), 0.1
     at_s = np.arange(0.0, made.duration_s + step_s, step_s)
     setpoint_C = made.trajectory.heater_setpoint_C(at_s)
