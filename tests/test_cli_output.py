@@ -8,6 +8,7 @@ import io
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -37,7 +38,7 @@ from test_occupancy_map import write_map
 from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
-from twosra_mpc import NoPlanError, Result, cli, load_problem, robot_names, scenario_names
+from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, robot_line, simulate_command, stream_command
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
@@ -424,32 +425,33 @@ def connect(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
 
 
 @pytest.fixture(scope="module")
-def proved() -> Result:
-    """A plan that carries its proof."""
-    found = solved("shape-change")
+def examples_read(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what examples read; its plans carry their proof."""
+    folder, found = tmp_path_factory.mktemp("read"), solved("shape-change")
     proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
-    return replace(found, certificate=proof)
+    for target in ("plan.json", "other.json"):
+        replace(found, certificate=proof).save(folder / target)
+    robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
+    (folder / "my-robot.toml").write_text(robot, encoding="utf-8")
+    write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
+    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
+        write_rows(rows, folder / file)
+    write_map(folder, [[0, 255], [255, 255]])
+    write_folder(folder / "shots", [-30.0, 20.0])
+    (folder / "k.csv").write_text("kappa_per_m\n-30\n20\n")
+    (folder / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
+    poses, _ = wheel_log(folder, Drift(), seconds=1)
+    for log in ("s1_v1_6.csv", "poses.csv"):
+        (folder / log).write_bytes(poses.read_bytes())
+    return folder
 
 
 @pytest.mark.usefixtures("quick", "one_run")
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OWN_TESTS])
 def test_every_example_runs(
-    name: str, run: Run, proved: Result, connect: Callable[[int], None], tmp_path: Path
+    name: str, run: Run, examples_read: Path, connect: Callable[[int], None], tmp_path: Path
 ) -> None:
-    for target in ("plan.json", "other.json"):
-        proved.save(tmp_path / target)
-    robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
-    (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
-    write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
-    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
-        write_rows(rows, tmp_path / file)
-    write_map(tmp_path, [[0, 255], [255, 255]])
-    write_folder(tmp_path / "shots", [-30.0, 20.0])
-    (tmp_path / "k.csv").write_text("kappa_per_m\n-30\n20\n")
-    (tmp_path / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
-    poses, _ = wheel_log(tmp_path, Drift(), seconds=1)
-    for log in ("s1_v1_6.csv", "poses.csv"):
-        (tmp_path / log).write_bytes(poses.read_bytes())
+    shutil.copytree(examples_read, tmp_path, dirs_exist_ok=True)
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from functools import cache
 from unittest.mock import patch
 
 import numpy as np
@@ -16,10 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
-from once import solved
+from once import simulated, solved
 
-from twosra_mpc import Plan, load_problem
-from twosra_mpc.execution import simulate
+from twosra_mpc import Plan
 from twosra_mpc.lab.figures import plot_error_decrease, plot_forward_kinematics
 from twosra_mpc.plotting import (
     figures,
@@ -49,9 +47,8 @@ def one(figure: Figure) -> Iterator[Figure]:
     yield figure
 
 
-@cache
 def run_of(scenario: str) -> Figure:
-    simulation = simulate(load_problem(scenario), disturbance="mild", seed=1)
+    simulation = simulated(scenario, 2)
     return plot_run(simulation.run, simulation.truth)
 
 

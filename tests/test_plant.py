@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from once import planned
 
-from twosra_mpc import InputError, Plan, Problem, load_problem
+from twosra_mpc import InputError, Problem, load_problem
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.robot_interface import Camera
@@ -78,8 +78,8 @@ def test_wheels_that_agree_move_the_robot_as_the_model_says(
     assert rolled == pytest.approx(believed, abs=2e-6)
 
 
-def test_a_plan_replayed_by_its_wheels_ends_where_it_should(planned: object) -> None:
-    made: Plan = planned("paper-1", robot=ARC)  # type: ignore[operator]
+def test_a_plan_replayed_by_its_wheels_ends_where_it_should() -> None:
+    made = planned("paper-1", robot=ARC)
     samples, robot = made.trajectory.held(), made.robot
     flow, q, pieces = interval_flow(robot, 8), samples.q[0], 8
     for i in np.flatnonzero(samples.v[:-1].any(axis=1)):
