@@ -156,14 +156,14 @@ def test_robots_that_differ_in_their_heat_alone_share_compiled_programs() -> Non
 @pytest.mark.parametrize("mode", MODES)
 def test_the_program_is_solved(mode: Mode) -> None:
     tight = SolverSettings(tolerance=1e-10, max_iterations=100_000)
-    _, program = stepped(planned, mode, solver=tight)
+    _, program = stepped(mode, solver=tight)
     assert np.abs(program.y).max() > 1e-3  # limits are active
     np.testing.assert_allclose(program.x, dense_solution(program), atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_residuals_are_within_the_tolerance(mode: Mode) -> None:
-    tracker, program = stepped(planned, mode)
+    tracker, program = stepped(mode)
     residuals = program.residuals()
     assert max(residuals.primal, residuals.dual) <= tracker.solver.tolerance
     worse = dataclasses.replace(program, x=program.x + 1.0, y=program.y + 1.0).residuals()
@@ -173,7 +173,7 @@ def test_residuals_are_within_the_tolerance(mode: Mode) -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_tolerance_bounds_the_error_of_the_first_speeds(mode: Mode) -> None:
-    tracker, program = stepped(planned, mode)
+    tracker, program = stepped(mode)
     rows = slice(0, outputs_of(mode).count)  # the first limits of the first stage
     error = program.constraints @ (program.x - dense_solution(program))
     assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
@@ -267,7 +267,7 @@ def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
 
 
 def test_the_pattern_never_changes() -> None:
-    tracker, first = stepped(planned, SOFT_1)
+    tracker, first = stepped(SOFT_1)
     scenario, phase = PHASES[SOFT_1]
     tracker.step(Measurement(planned(scenario).phases[phase].start_s, phase, np.full(5, 0.1)))
     second = tracker.quadratic_program()
