@@ -215,7 +215,8 @@ def test_goals_that_leave_something_free_are_reached(goal: dict[str, Any]) -> No
 def test_a_soft_start_is_reshaped_where_it_is() -> None:
     start = {**LEFT, "temperature_C": [70.0, 70.0]}
     assert problem(start=start).start_mode == (1, 1)
-    made = plan(problem(POST, start=start, goal={**RIGHT, "kappa_per_m": [20.0, 5.0]})).require()
+    soft = problem(POST, start=start, goal={**RIGHT, "kappa_per_m": [20.0, 5.0]}, gap=0.05)
+    made = plan(soft).require()
     assert made.verification.ok
 
 
@@ -223,7 +224,7 @@ def test_a_start_nearer_than_the_clearance_may_be_left() -> None:
     top = float(footprint(ROBOT.geometry, [0.0, 0.0]).outer[..., 1].max())
     near = {"box": {"x_m": [-0.6, -0.3], "y_m": [top + 1e-3, 0.2]}}
     for clearance_m in (0.002, 0.01):
-        made = plan(problem(near, clearance_m=clearance_m))
+        made = plan(problem(near, clearance_m=clearance_m, gap=0.05))
         assert made.require().verification.ok
 
 
@@ -439,7 +440,7 @@ def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None
         "wall": {"obstacles": [{"box": {"x_m": [0.0, 0.05], "y_m": [-0.3, 0.3]}}]},
         "task": {"tasks": [{"do": "pass", "x_m": [0.0, 0.1]}]},
     }[walls]
-    base = Problem(robot=ROBOT, start=LEFT, goal=goal, gap=0.0, motion="fastest", **given)
+    base = Problem(robot=ROBOT, start=LEFT, goal=goal, motion="fastest", **given)
     made = plan(base).require()
     placer = Placer([only_goal(base)], checked)
     tree = goal_tree(base, placer, placer.in_the_way)
