@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from once import planned, simulated
+from once import planned, simulated, solution
 from problems import exactly
 from scipy.optimize import newton
 
@@ -122,7 +122,7 @@ def test_a_run_is_saved_as_plain_numbers() -> None:
 
 def test_a_seed_is_a_run() -> None:
     first = simulated("paper-2", 2)
-    second = simulate(problem(), seed=2)
+    second = simulate(problem(), seed=2, plan=planned("paper-2", robot=ARC))
     assert (first.truth.q == second.truth.q).all()
     assert first.run.events == second.run.events
     assert first.metrics == second.metrics
@@ -174,7 +174,7 @@ class Pushed(SimulatedRobot):
 def pushed(made: Problem, mode: tuple[int, int], push: list[float]) -> Run:
     robot = Pushed(made, "as-planned")
     robot.at_mode, robot.push = mode, np.array(push)
-    return Executor(robot).run(plan(made).require())
+    return Executor(robot).run(solution(made).require())
 
 
 def test_leaving_the_corridor_plans_the_rest_again_and_reaches_the_goal() -> None:
@@ -222,7 +222,8 @@ def test_a_heater_that_fails_is_reported_and_planned_around() -> None:
 
 
 def test_a_heater_that_fails_and_cannot_be_done_without_is_the_reason() -> None:
-    done = simulate(problem(), disturbance="mild", seed=1, broken_heaters=[1])
+    made = planned("paper-2", robot=ARC)
+    done = simulate(problem(), disturbance="mild", seed=1, broken_heaters=[1], plan=made)
     assert done.run.ending is Ending.HEATER_FAILED
     assert "without heater 1: proved infeasible: segment 1 must bend" in done.run.reason
     assert "allowed modes" not in done.run.reason
@@ -276,7 +277,7 @@ def test_a_melt_that_hardly_warms_has_failed_before_three_times_its_time(
 ) -> None:
     monkeypatch.setattr("twosra_mpc.execution.doubt.DRIVE_M", np.inf)  # it stands, and is seen to
     robot = Cold(problem())
-    run = Executor(robot).run(plan(robot.made).require())
+    run = Executor(robot).run(solution(robot.made).require())
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
     assert "segment 1" in failure.text
@@ -290,7 +291,7 @@ def test_a_melt_that_hardly_warms_has_failed_before_three_times_its_time(
 
 def test_every_ending_says_why() -> None:
     task = problem("paper-1")
-    made = plan(task).require()
+    made = solution(task).require()
 
     def ended(seed: int = 4, **settings: Any) -> Run:
         robot = SimulatedRobot(task, "arc", LEVELS["moderate"], seed)
