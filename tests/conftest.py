@@ -1,22 +1,18 @@
-"""What several test files need: plans, computed once a session, and runs of the program."""
+"""What several test files need: plans of all planners, and runs of the program."""
 
 from __future__ import annotations
 
 import gc
 import signal
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import pytest
 from hypothesis import settings
-from problems import exactly
+from once import solved
 
-from twosra_mpc import Plan, Result, cli, load_problem, plan
-
-if TYPE_CHECKING:
-    from twosra_mpc.execution.simulation.simulate import Simulation
+from twosra_mpc import Plan, Result, cli
 
 for _ending in ("SIGINT", "SIGHUP", "SIGQUIT"):  # what nohup or a shell's & ignores is inherited
     if (number := getattr(signal, _ending, None)) and signal.getsignal(number) is signal.SIG_IGN:
@@ -27,14 +23,11 @@ settings.load_profile("repeatable")
 
 
 def pytest_collection_finish() -> None:
-    """Let no search for garbage look again at what was imported and collected."""
+    """Search rarely for garbage, as the program does, and never in what was imported by now."""
+    gc.set_threshold(200_000, 20, 20)
     gc.collect()
     gc.freeze()
 
-
-Solved: TypeAlias = Callable[..., Result]
-Planned: TypeAlias = Callable[..., Plan]
-Simulated: TypeAlias = "Callable[..., Simulation]"
 
 PLANNERS_AND_TIMINGS = [
     (planner, timing)
@@ -43,51 +36,8 @@ PLANNERS_AND_TIMINGS = [
 ]
 
 
-@pytest.fixture(scope="session")
-def solved() -> Solved:
-    """Plan a built-in scenario with overrides (hashable values), exactly if asked, once each."""
-    known: dict[object, Result] = {}
-
-    def get(scenario: str = "paper-1", exact: bool = False, **overrides: Any) -> Result:
-        key = (scenario, exact, *sorted(overrides.items()))
-        if key not in known:
-            problem = load_problem(scenario, **overrides)
-            known[key] = plan(exactly(problem) if exact else problem)
-        return known[key]
-
-    return get
-
-
-@pytest.fixture(scope="session")
-def planned(solved: Solved) -> Planned:
-    """The verified plan of a built-in scenario with overrides, once each."""
-    return lambda *scenario, **overrides: solved(*scenario, **overrides).require()
-
-
-@pytest.fixture(scope="session")
-def simulated() -> Simulated:
-    """A disturbed run of a built-in scenario on a robot, once each."""
-    from twosra_mpc.execution.simulation.simulate import simulate  # OSQP takes a while
-
-    @cache
-    def run(scenario: str, seed: int, robot: str, level: str, executor: str) -> Simulation:
-        problem = load_problem(scenario, robot=robot)
-        return simulate(problem, disturbance=level, seed=seed, executor=executor)
-
-    def get(
-        scenario: str,
-        seed: int,
-        robot: str = "2sra-v1",
-        level: str = "moderate",
-        executor: str = "optimal",
-    ) -> Simulation:
-        return run(scenario, seed, robot, level, executor)
-
-    return get
-
-
 @pytest.fixture(scope="session", params=PLANNERS_AND_TIMINGS, ids="-".join)
-def any_result(request: pytest.FixtureRequest, solved: Solved) -> Result:
+def any_result(request: pytest.FixtureRequest) -> Result:
     """What each planner comes to for paper-1 with each set of transition times."""
     planner, timing = request.param
     return solved("paper-1", planner=planner, timing=timing)

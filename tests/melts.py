@@ -14,12 +14,7 @@ from twosra_mpc import load_robot
 
 ROBOT = load_robot("2sr-v2")
 AIR_C = ROBOT.heater.ambient_C
-TRUE = {
-    "power_K_per_s": 1.3,
-    "coupling_per_s": 0.012,
-    "body_ratio": 3.3,
-    "body_loss_per_s": 0.006,
-}
+TRUE = {"power_K_per_s": 1.3, "coupling_per_s": 0.012, "body_ratio": 3.3, "body_loss_per_s": 0.006}
 BEGINS_C = ((23.0, 24.0), (52.0, 35.0), (30.0, 50.0), (45.0, 52.0), (35.0, 28.0), (52.0, 48.0))
 TARGETS = ((1, 1), (1, 0), (0, 1), (1, 1), (1, 0), (1, 1))
 

@@ -8,15 +8,7 @@ import pytest
 
 from twosra_mpc import Problem, Status, effort, load_problem, plan
 
-SETTINGS = (
-    "work_limit",
-    "max_phases",
-    "modes",
-    "tolerance",
-    "workspace",
-    "planner",
-    "clearance_m",
-)
+SETTINGS = ("work_limit", "max_phases", "modes", "tolerance", "workspace", "planner", "clearance_m")
 ADVICE = re.compile(rf"(raise|set|allow|add|widen|lower)[\w ,']* ({'|'.join(SETTINGS)})\b")
 
 

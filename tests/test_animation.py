@@ -16,9 +16,10 @@ from conftest import Run
 from matplotlib import rc_context
 from matplotlib.colors import same_color
 from matplotlib.lines import Line2D
+from once import planned, solved
 from PIL import Image
 
-from twosra_mpc import InputError, Plan, Result, Status, load_problem, plan
+from twosra_mpc import InputError, Status, load_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
 from twosra_mpc.plotting.figures import (
@@ -39,23 +40,14 @@ README_LIMIT = 3_000_000  # bytes that a page shows without making its reader wa
 
 
 @cache
-def result_of(name: str) -> Result:
-    return plan(load_problem(name))
-
-
-def made(name: str) -> Plan:
-    return result_of(name).require()
-
-
-@cache
 def playback(name: str) -> Playback:
-    return plan_playback(made(name), LEAST)
+    return plan_playback(planned(name), LEAST)
 
 
 @cache
 def scene(name: str) -> Scene:
     with rc_context(STYLE):
-        told = plan_title(made(name)).replace("\n", ", ")
+        told = plan_title(planned(name)).replace("\n", ", ")
         return Scene(playback(name), (name, told), duration_s=12.0)
 
 
@@ -71,14 +63,14 @@ def shown_at(name: str, time_s: float) -> str:
 
 
 def melt(name: str) -> Transition:
-    return next(item for item in made(name).transitions if item.to == "soft")
+    return next(item for item in planned(name).transitions if item.to == "soft")
 
 
 # --- what is shown
 
 
 def test_the_words_tell_clock_pace_state_and_outcome() -> None:
-    result, change = made("paper-2"), melt("paper-2")
+    result, change = planned("paper-2"), melt("paper-2")
     melting = shown_at("paper-2", (change.onset_s + change.done_s) / 2)
     pace = playback("paper-2").stretch.seconds_per_length(change.done_s - 1.0) / 12.0
     assert f"segment {change.segment} is melting  ({pace:.0f} times as fast)" in melting
@@ -96,13 +88,13 @@ def test_the_words_tell_clock_pace_state_and_outcome() -> None:
 
 
 def test_two_segments_that_do_the_same_are_named_together() -> None:
-    last = made("paper-1").phases[-1].end_s
+    last = planned("paper-1").phases[-1].end_s
     assert "both segments are freezing" in shown_at("paper-1", last + 10.0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.999, 1.0])
 def test_the_robot_stands_where_the_plan_has_it_in_the_colours_of_its_state(share: float) -> None:
-    result, here = made("paper-1"), scene("paper-1")
+    result, here = planned("paper-1"), scene("paper-1")
     row = round(share * (PLACES - 1))
     here.show(row)
     q = result.trajectory.configuration(playback("paper-1").time_s[row])[0]
@@ -123,16 +115,16 @@ def test_the_end_shows_the_stiffness_that_is_reached() -> None:
 
 def test_a_heater_is_marked_exactly_while_it_is_on() -> None:
     shown = playback("paper-2")
-    current = made("paper-2").trajectory.at(shown.time_s).heater_current_A
+    current = planned("paper-2").trajectory.at(shown.time_s).heater_current_A
     np.testing.assert_array_equal(shown.heated, current > 0)
     assert shown.heated.any()
     change = melt("paper-1")
-    warming = row_at("paper-1", (made("paper-1").phases[0].end_s + change.onset_s) / 2)
+    warming = row_at("paper-1", (planned("paper-1").phases[0].end_s + change.onset_s) / 2)
     assert playback("paper-1").doing(warming) == f"heater {change.segment} is on"
 
 
 def test_waits_are_compressed_and_motion_is_slowed_down() -> None:
-    result = made("paper-1")
+    result = planned("paper-1")
     stretch = playback("paper-1").stretch
     waiting = stretch.seconds_per_length(result.phases[-1].end_s + 1.0)
     for phase in result.phases:
@@ -144,7 +136,7 @@ def test_waits_are_compressed_and_motion_is_slowed_down() -> None:
 
 def test_a_plan_without_motion_stands_still() -> None:
     start = load_problem("rigid-move").start
-    rest = plan(load_problem("rigid-move", goal={"x_m": start.x_m, "y_m": start.y_m})).require()
+    rest = planned("rigid-move", goal={"x_m": start.x_m, "y_m": start.y_m})
     with Image.open(io.BytesIO(animate_plan(rest, duration_s=1.0).data)) as gif:
         first = np.asarray(gif.convert("RGB"))
         gif.seek(getattr(gif, "n_frames", 1) - 1)
@@ -188,7 +180,7 @@ def test_drawing_only_what_moves_gives_the_whole_picture() -> None:
 def test_an_animation_is_small_reports_progress_and_leaves_settings_alone(tmp_path: Path) -> None:
     before, told = dict(mpl.rcParams), list[tuple[int, int]]()
     shown = animate_plan(
-        made("paper-2"),
+        planned("paper-2"),
         tmp_path / "plan.GIF",
         duration_s=2.0,
         on_progress=lambda done, total: told.append((done, total)),
@@ -222,7 +214,7 @@ def test_mp4_is_what_ffmpeg_makes_of_the_frames(
     stand_in.chmod(0o755)
     monkeypatch.setitem(mpl.rcParams, "animation.ffmpeg_path", str(stand_in))
     monkeypatch.setattr(film, "LAST_FRAME_S", 0.2)
-    shown = animate_plan(made("rigid-move"), tmp_path / "plan.mp4", duration_s=0.2)
+    shown = animate_plan(planned("rigid-move"), tmp_path / "plan.mp4", duration_s=0.2)
     assert shown.media_type == "video/mp4"
     assert len(shown.data) == 4 * 800 * 660 * (2 + 2)
     assert (tmp_path / "plan.mp4").read_bytes() == shown.data
@@ -236,9 +228,9 @@ def test_an_mp4_without_ffmpeg_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 def test_an_unknown_ending_is_refused_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ending in \.gif or \.mp4"):
-        animate_plan(made("rigid-move"), tmp_path / "plan.avi")
+        animate_plan(planned("rigid-move"), tmp_path / "plan.avi")
     with pytest.raises(InputError, match="folder that exists"):
-        animate_plan(made("rigid-move"), tmp_path / "nowhere" / "plan.gif")
+        animate_plan(planned("rigid-move"), tmp_path / "nowhere" / "plan.gif")
     assert not list(tmp_path.iterdir())
 
 
@@ -250,7 +242,7 @@ def test_an_interrupted_animation_leaves_the_old_file(tmp_path: Path) -> None:
     target = tmp_path / "plan.gif"
     target.write_text("old")
     with pytest.raises(KeyboardInterrupt):
-        animate_plan(made("rigid-move"), target, duration_s=1.0, on_progress=interrupt)
+        animate_plan(planned("rigid-move"), target, duration_s=1.0, on_progress=interrupt)
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
 
@@ -265,7 +257,7 @@ def run(run_as_is: Run) -> Run:
 
 
 def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
-    result_of("rigid-move").save("plan.json")
+    solved("rigid-move").save("plan.json")
     code, out, err = run("plan.json", "plan.gif", "--seconds", "1")
     assert (code, err) == (0, "")
     assert re.search(r"file +plan\.gif *\n *bytes +\d+ ", out)
@@ -283,7 +275,7 @@ def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> None:
-    result_of("rigid-move").save("plan.json")
+    solved("rigid-move").save("plan.json")
     code, out, err = run(*arguments)
     assert (code, out) == (2, "")
     assert said in err
@@ -291,7 +283,7 @@ def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> 
 
 
 def test_a_plan_file_without_a_plan_has_nothing_to_animate(run: Run) -> None:
-    empty = replace(result_of("rigid-move"), plan=None, status=Status.FAILED, message="no way")
+    empty = replace(solved("rigid-move"), plan=None, status=Status.FAILED, message="no way")
     empty.save("plan.json")
     code, out, err = run("plan.json", "plan.gif")
     assert (code, out) == (4, "")

@@ -256,7 +256,7 @@ def test_a_batch_goes_on_whatever_ended_it(
     kept = found[found["problem"].isin(done["problem"])]
     assert kept["wall_s"].tolist() == done["wall_s"].tolist()  # not planned again
     assert sorted(path.name for path in runs.iterdir()) == [
-        *("batch.json", "runs.parquet", "spec.toml"),
+        *("batch.json", "runs.parquet", "spec.toml")
     ]
 
 

@@ -166,10 +166,7 @@ def pieces_of_flow(robot: Robot) -> ca.Function:
 
 @each_robot
 @given(
-    kappa1=between(CURVATURE / 2),
-    kappa2=between(CURVATURE / 2),
-    s1=between(0.03),
-    s2=between(0.03),
+    kappa1=between(CURVATURE / 2), kappa2=between(CURVATURE / 2), s1=between(0.03), s2=between(0.03)
 )
 @example(kappa1=-25.0, kappa2=3.0, s1=0.03, s2=0.02)  # both bend through straight
 @for_some

@@ -79,7 +79,7 @@ PROBLEMS = {
     "warm": warmer(random_problem(6), 50.0, 35.0),
     "soft": warmer(random_problem(0, gap=0.02), 70.0, 25.0),
     "both soft": warmer(
-        exactly(random_problem(6, V1)), 70.0, 70.0
+        exactly(random_problem(6, V1, gap=0.03)), 70.0, 70.0
     ),  # a leaf that only prices exclude
     "free": freed(random_problem(8)),
     "few modes": random_problem(9, modes=[[0, 0], [1, 0], [0, 1]]),
@@ -106,7 +106,7 @@ def test_nearly_all_of_the_bound_is_proved(name: str) -> None:
     [
         random_problem(0, V1, heaters_at_once=1),
         random_problem(1, V1, transition_quantile=0.9),
-        random_problem(3, V1, weights={"effort": 10.0}),
+        random_problem(3, V1, weights={"effort": 10.0}, gap=0.05),
         load_problem("rigid-move"),
         Problem(
             robot=V2,

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from once import planned
 
 import twosra_mpc.checking.sweep as sweep_module
-from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot, plan
+from twosra_mpc import InputError, Problem, load_problem, load_robot, plan
 from twosra_mpc.checking.clearance import Surroundings, _drawn, check_obstacles
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, sagitta_m, swept
@@ -178,11 +179,6 @@ def test_the_search_finds_the_least_of_any_lipschitz_function() -> None:
         assert len(asked) < 2000
 
 
-@cache
-def free(name: str = "move-and-shape") -> Plan:
-    return plan(load_problem(name)).require()
-
-
 def found_in(trajectory: Trajectory) -> tuple[Verification, Clearance]:
     nearest = closest_approach(trajectory)
     assert nearest is not None
@@ -192,14 +188,14 @@ def found_in(trajectory: Trajectory) -> tuple[Verification, Clearance]:
 @cache
 def lowest_m() -> float:
     """Least y of the planned motion's sweep."""
-    made = free()
+    made = planned("move-and-shape")
     t = np.concatenate([np.linspace(phase.start_s, phase.end_s, 300) for phase in made.phases])
     return min(body.bounds[1] for body in drawn(made.problem, made.trajectory.configuration(t)))
 
 
 def beside(gap_m: float, **world: Any) -> Trajectory:
     """A planned motion with a wall that its sweep comes within ``gap_m`` of, or runs into."""
-    made, low = free(), lowest_m()
+    made, low = planned("move-and-shape"), lowest_m()
     box = {"x_m": (-2.0, 2.0), "y_m": (low - gap_m - 0.5, low - gap_m)}
     return among(made.trajectory, Obstacle(name="wall", box=box), **world)
 
@@ -211,7 +207,7 @@ def test_a_plan_far_from_obstacles_holds() -> None:
     assert nearest.least_m == pytest.approx(0.02, abs=WITHIN_M)
     assert (nearest.name, nearest.obstacle) == ("wall", 0)
     left = verified.limits["soft_travel_m"]
-    assert 0 < left < free().robot.limits.soft_travel_m
+    assert 0 < left < planned("move-and-shape").robot.limits.soft_travel_m
 
 
 def test_coming_too_near_is_told() -> None:
@@ -240,7 +236,7 @@ def test_a_touched_clearance_is_kept_within_rounding() -> None:
 
 
 def test_uncertain_curvatures_need_more_room() -> None:
-    reach = bending_reach_m2(free().robot.geometry)
+    reach = bending_reach_m2(planned("move-and-shape").robot.geometry)
     assert reach.max() == pytest.approx(
         0.04 * (0.02 + np.hypot(0.09, 0.01))
     )  # the side wheel is farthest
@@ -252,7 +248,7 @@ def test_uncertain_curvatures_need_more_room() -> None:
 
 
 def test_a_start_nearer_than_the_clearance_keeps_its_own() -> None:
-    made = free()
+    made = planned("move-and-shape")
     start = drawn(made.problem, made.samples.q[:1])[0]
     _, low, right, high = start.bounds
     leaves = made.phases[0].end_s
@@ -298,7 +294,7 @@ def test_soft_travel_is_limited_where_there_are_obstacles() -> None:
 
 
 def test_boxes_are_entered_in_order() -> None:
-    made = free()
+    made = planned("move-and-shape")
     q = made.trajectory.configuration(np.array([0.0, made.phases[0].end_s, made.duration_s]))
     here = [
         Pass(name=name, x_m=(x - 1e-3, x + 1e-3), y_m=(y - 1e-3, y + 1e-3))
@@ -319,7 +315,7 @@ def test_boxes_are_entered_in_order() -> None:
 
 
 def test_ends_that_overlap_are_named() -> None:
-    problem = free().problem
+    problem = planned("move-and-shape").problem
     (x, y), (u, v) = problem.start.configuration[:2], problem.goal.configuration[:2]
     at_start = Obstacle(name="post", disc={"x_m": x, "y_m": y, "radius_m": 0.01})
     at_goal = Obstacle(box={"x_m": (u - 0.01, u + 0.01), "y_m": (v - 0.01, v + 0.01)})

@@ -272,14 +272,7 @@ def test_no_command_shows_the_help_and_is_an_error(run: Run) -> None:
 
 
 @pytest.mark.parametrize("option", ["--out", "--csv", "--plot"])
-@pytest.mark.parametrize(
-    "target",
-    [
-        "missing/a.png",
-        ".",
-        "file/a.png",
-    ],
-)
+@pytest.mark.parametrize("target", ["missing/a.png", ".", "file/a.png"])
 def test_an_output_that_cannot_be_written_is_refused_before_planning(
     run: Run, option: str, target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ import io
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -21,11 +22,12 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
 from heating import true_history, write_log
 from matplotlib.figure import Figure
 from melts import made_up
 from melts import write as write_rows
+from once import planned, solved
 from photographs import write_folder
 from rich import box
 from rich.console import Console
@@ -36,15 +38,8 @@ from test_occupancy_map import write_map
 from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
-from twosra_mpc import NoPlanError, Result, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import (
-    options,
-    output,
-    planning,
-    robot_line,
-    simulate_command,
-    stream_command,
-)
+from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc.cli import options, output, planning, robot_line, simulate_command, stream_command
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
@@ -104,7 +99,7 @@ def command(name: str) -> click.Command:
 # --- JSON and quiet ------------------------------------------------------------------------------
 
 
-def test_nothing_but_json_is_printed_for_programs(run: Run, solved: Solved) -> None:
+def test_nothing_but_json_is_printed_for_programs(run: Run) -> None:
     code, out, err = run("plan", "shape-change", "--json", "--out", "plan.json")
     assert (code, err) == (0, "")
     found = json.loads(out)
@@ -263,7 +258,7 @@ NARROW: list[list[str]] = [
 
 @pytest.mark.parametrize("arguments", NARROW, ids=" ".join)
 def test_tables_fit_100_columns_in_a_pipe_unless_more_are_asked_for(
-    arguments: list[str], run_as_is: Run, solved: Solved, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], run_as_is: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("COLUMNS")
     solved("rigid-move").save("plan.json")
@@ -300,7 +295,7 @@ PROGRESS: list[tuple[list[str], str]] = [
 @pytest.mark.usefixtures("terminal", "quick", "one_run")
 @pytest.mark.parametrize(("arguments", "words"), PROGRESS, ids=[" ".join(a) for a, _ in PROGRESS])
 def test_progress_is_shown_on_a_terminal_only_and_not_with_quiet(
-    run: Run, solved: Solved, arguments: list[str], words: str
+    run: Run, arguments: list[str], words: str
 ) -> None:
     solved("rigid-move").save("plan.json")
     code, out, err = run(*arguments)
@@ -415,7 +410,7 @@ def test_every_command_teaches_by_example(name: str) -> None:
 
 
 @pytest.fixture
-def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
+def connect(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Put a simulated robot and its clock at the end of a line: so many numbers end a command."""
     with ExitStack() as stack:
 
@@ -430,32 +425,33 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 
 @pytest.fixture(scope="module")
-def proved(solved: Solved) -> Result:
-    """A plan that carries its proof."""
-    found = solved("shape-change")
+def examples_read(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what examples read; its plans carry their proof."""
+    folder, found = tmp_path_factory.mktemp("read"), solved("shape-change")
     proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
-    return replace(found, certificate=proof)
+    for target in ("plan.json", "other.json"):
+        replace(found, certificate=proof).save(folder / target)
+    robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
+    (folder / "my-robot.toml").write_text(robot, encoding="utf-8")
+    write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
+    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
+        write_rows(rows, folder / file)
+    write_map(folder, [[0, 255], [255, 255]])
+    write_folder(folder / "shots", [-30.0, 20.0])
+    (folder / "k.csv").write_text("kappa_per_m\n-30\n20\n")
+    (folder / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
+    poses, _ = wheel_log(folder, Drift(), seconds=1)
+    for log in ("s1_v1_6.csv", "poses.csv"):
+        (folder / log).write_bytes(poses.read_bytes())
+    return folder
 
 
 @pytest.mark.usefixtures("quick", "one_run")
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OWN_TESTS])
 def test_every_example_runs(
-    name: str, run: Run, proved: Result, connect: Callable[[int], None], tmp_path: Path
+    name: str, run: Run, examples_read: Path, connect: Callable[[int], None], tmp_path: Path
 ) -> None:
-    for target in ("plan.json", "other.json"):
-        proved.save(tmp_path / target)
-    robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
-    (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
-    write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
-    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
-        write_rows(rows, tmp_path / file)
-    write_map(tmp_path, [[0, 255], [255, 255]])
-    write_folder(tmp_path / "shots", [-30.0, 20.0])
-    (tmp_path / "k.csv").write_text("kappa_per_m\n-30\n20\n")
-    (tmp_path / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
-    poses, _ = wheel_log(tmp_path, Drift(), seconds=1)
-    for log in ("s1_v1_6.csv", "poses.csv"):
-        (tmp_path / log).write_bytes(poses.read_bytes())
+    shutil.copytree(examples_read, tmp_path, dirs_exist_ok=True)
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]

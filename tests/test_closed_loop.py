@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Simulated
+from once import simulated
 
 from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
@@ -28,9 +28,7 @@ def true_error(simulation: Simulation) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "seed"), RUNS)
-def test_a_disturbed_robot_reaches_its_goal_or_says_why_not(
-    name: str, seed: int, simulated: Simulated
-) -> None:
+def test_a_disturbed_robot_reaches_its_goal_or_says_why_not(name: str, seed: int) -> None:
     found = simulated(name, seed)
     assert found.run.reason
     assert found.run.ending is Ending.REACHED
@@ -40,7 +38,7 @@ def test_a_disturbed_robot_reaches_its_goal_or_says_why_not(
     assert np.abs(kappa).max() <= 1.0
 
 
-def test_no_more_transitions_than_the_plans_begun(simulated: Simulated) -> None:
+def test_no_more_transitions_than_the_plans_begun() -> None:
     for name, seed in RUNS:
         run = simulated(name, seed).run
         assert run.transitions <= sum(run.begun)
@@ -54,7 +52,7 @@ def test_an_undisturbed_robot_of_the_planned_kind_does_what_was_planned() -> Non
     assert np.abs(true_error(found)[:3]).max() <= 1e-4
 
 
-def test_a_robot_moves_only_while_no_metal_changes(simulated: Simulated) -> None:
+def test_a_robot_moves_only_while_no_metal_changes() -> None:
     for name, seed in RUNS:
         truth = simulated(name, seed).truth
         moved = np.abs(np.diff(truth.q, axis=0)).max(axis=1) > 1e-3
@@ -69,7 +67,7 @@ def test_a_heater_that_never_warms_is_reported_in_words() -> None:
     assert not found.run.reached
 
 
-def test_the_greedy_rule_in_closed_loop_takes_longer(simulated: Simulated) -> None:
+def test_the_greedy_rule_in_closed_loop_takes_longer() -> None:
     ours, greedy = simulated("paper-1", 1), simulated("paper-1", 1, executor="greedy")
     assert greedy.run.executor == "greedy"
     assert greedy.run.reason
@@ -77,8 +75,7 @@ def test_the_greedy_rule_in_closed_loop_takes_longer(simulated: Simulated) -> No
 
 
 @pytest.mark.parametrize(
-    ("asked", "field"),
-    [({"disturbance": "wild"}, "disturbance"), ({"plant": "clay"}, "plant")],
+    ("asked", "field"), [({"disturbance": "wild"}, "disturbance"), ({"plant": "clay"}, "plant")]
 )
 def test_what_does_not_exist_is_refused_by_name(asked: dict[str, str], field: str) -> None:
     with pytest.raises(InputError) as error:
@@ -109,6 +106,6 @@ def test_the_command_writes_run_and_figure(
     assert plot.stat().st_size > 10_000
 
 
-def test_the_plan_inside_a_run_is_a_plan(simulated: Simulated) -> None:
+def test_the_plan_inside_a_run_is_a_plan() -> None:
     made = simulated("paper-2", 2).run.plans[0]
     assert made.verification.ok

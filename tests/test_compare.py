@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Run
-
-from twosra_mpc import load_problem, plan
+from once import planned
 
 IMPOSSIBLE = """
 robot = "2sra-v1"
@@ -49,7 +48,7 @@ def test_json_has_the_numbers_of_the_plans(run: Run) -> None:
     records = json.loads(out)
     assert [record["planner"] for record in records] == ["optimal", "greedy"]
     for record in records:
-        made = plan(load_problem("paper-2", planner=record["planner"])).require()
+        made = planned("paper-2", planner=record["planner"])
         assert record["scenario"] == "paper-2"
         assert record["modes"] == [list(phase.mode) for phase in made.phases]
         assert record["duration_s"] == pytest.approx(made.duration_s)

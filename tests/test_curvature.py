@@ -11,15 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from photographs import (
-    LENGTH_M,
-    SCALE_M,
-    camera,
-    draw,
-    photograph,
-    save,
-    write_folder,
-)
+from photographs import LENGTH_M, SCALE_M, camera, draw, photograph, save, write_folder
 from PIL import Image
 
 from twosra_mpc import InputError

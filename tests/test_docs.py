@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from conftest import Run, Solved
+from conftest import Run
+from once import solved
 
-from twosra_mpc import Problem, Result, load_problem, load_robot, plan
+from twosra_mpc import Problem, Result, load_problem, load_robot
 from twosra_mpc.cli import options
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
@@ -70,7 +71,7 @@ TITLED = [
 
 
 @pytest.fixture(scope="module")
-def proved(solved: Solved) -> Result:
+def proved() -> Result:
     """A plan that carries its proof."""
     result, bound = solved("paper-1"), solved("paper-1").require().lower_bound
     assert bound is not None
@@ -151,7 +152,7 @@ def test_the_impossible_is_explained_as_the_guide_says(tmp_path: Path) -> None:
     (block,) = (b for b in blocks(ROOT / "docs/guide/explain.md") if b.title == "impossible.toml")
     path = tmp_path / "impossible.toml"
     path.write_text(block.text)
-    result = plan(load_problem(path))
+    result = solved(path)
     assert result.status == "infeasible"
     assert "segment 2" in result.message
 

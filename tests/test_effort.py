@@ -10,10 +10,11 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
+from once import solved
 
 from twosra_mpc import Problem, Status, effort, load_problem, plan, scenario_names
 from twosra_mpc.effort import (
@@ -33,9 +34,6 @@ from twosra_mpc.effort import (
 from twosra_mpc.planning.solver import fixed_sequence
 from twosra_mpc.planning.solver.multiple_shooting import ipopt
 from twosra_mpc.plans.result import Result
-
-if TYPE_CHECKING:  # another process imports this, without the other tests
-    from conftest import Solved
 
 UNIT = 10_000  # of `Cost.KEPT`, which is the smallest
 
@@ -184,13 +182,13 @@ def as_written(made: Result) -> str:
 def elsewhere(seed: str) -> dict[str, str]:
     """The plan files as another process writes them, with other hashes."""
     words = (
-        "import json; from tests.test_effort import STOPPED, as_written, stopped; "
+        "import json; from test_effort import STOPPED, as_written, stopped; "
         "from twosra_mpc import plan; "
         "print(json.dumps({name: as_written(plan(stopped(name))) for name in STOPPED}))"
     )
     made = subprocess.run(
         [sys.executable, "-c", words],
-        env={**os.environ, "PYTHONHASHSEED": seed},
+        env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(Path(__file__).parent)},
         capture_output=True,
         text=True,
         check=True,
@@ -238,7 +236,7 @@ _LATER = {"tidy-up": 2000.0}  # two things are grasped, carried and put down
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_a_built_in_scenario_has_a_plan_soon_and_reaches_its_gap(name: str, solved: Solved) -> None:
+def test_a_built_in_scenario_has_a_plan_soon_and_reaches_its_gap(name: str) -> None:
     made = solved(name)
     assert made.stats.work is not None
     assert made.stats.work <= _WHOLE

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from functools import cache
 from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import Solved
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.colors import to_rgb
@@ -17,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
+from once import simulated, solved
 
-from twosra_mpc import Plan, load_problem
-from twosra_mpc.execution import simulate
+from twosra_mpc import Plan
 from twosra_mpc.lab.figures import plot_error_decrease, plot_forward_kinematics
 from twosra_mpc.plotting import (
     figures,
@@ -49,9 +47,8 @@ def one(figure: Figure) -> Iterator[Figure]:
     yield figure
 
 
-@cache
 def run_of(scenario: str) -> Figure:
-    simulation = simulate(load_problem(scenario), disturbance="mild", seed=1)
+    simulation = simulated(scenario, 2)
     return plot_run(simulation.run, simulation.truth)
 
 
@@ -73,7 +70,7 @@ FIGURES: dict[str, Callable[[Made], Iterator[Figure]]] = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_words_and_curves_of_every_figure_are_seen(name: str, solved: Solved) -> None:
+def test_words_and_curves_of_every_figure_are_seen(name: str) -> None:
     for figure in FIGURES[name](lambda scenario: solved(scenario).require()):
         for (words, box), (others, place) in itertools.combinations(drawn_words(figure), 2):
             assert not box.overlaps(place), f"{words!r} lies on {others!r}"
@@ -95,7 +92,7 @@ def drawn_words(figure: Figure) -> list[tuple[str, Bbox]]:
             found[words] = box
         draw(words, renderer)
 
-    figure.canvas.draw()
+    figure.draw_without_rendering()  # puts everything in its place
     with patch.object(Text, "draw", noted):
         figure.canvas.draw()
     return [(words.get_text(), box) for words, box in found.items()]

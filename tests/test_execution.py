@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Simulated
 from numpy.typing import NDArray
+from once import planned, simulated, solution
 from problems import exactly
 from scipy.optimize import newton
 
-from twosra_mpc import InputError, Plan, Problem, load_problem, plan
+from twosra_mpc import InputError, Problem, load_problem, plan
 from twosra_mpc.execution.camera_feedback import Pulses, predicted_curvatures, settling
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.executor import Executor, remaining_problem
@@ -34,7 +33,6 @@ from twosra_mpc.robot.modes import Mode, soft_segments
 from twosra_mpc.thermal.lumped import Lumped
 
 Array = NDArray[np.float64]
-Planned = Callable[..., Plan]
 
 ARC = "2sra-v1"
 ACCURACY = Accuracy()
@@ -52,7 +50,7 @@ def problem(scenario: str = "paper-2", **overrides: Any) -> Problem:
     [("paper-4", ARC), ("paper-1", "2sra-v1-paper")],  # and three segments: test_other_segments
 )
 def test_without_disturbance_what_is_executed_is_what_was_planned(
-    scenario: str, robot: str, planned: Planned
+    scenario: str, robot: str
 ) -> None:
     made = planned(scenario, robot=robot)
     done = simulate(made.problem, plant="as-planned", disturbance="none", plan=made)
@@ -79,9 +77,7 @@ RUNS = [  # scenario, seed, robot and level; three segments are planned again fo
 
 
 @pytest.mark.parametrize(("scenario", "seed", "robot", "level"), RUNS)
-def test_a_disturbed_run_reaches_its_goal(
-    scenario: str, seed: int, robot: str, level: str, simulated: Simulated
-) -> None:
+def test_a_disturbed_run_reaches_its_goal(scenario: str, seed: int, robot: str, level: str) -> None:
     done = simulated(scenario, seed, robot, level)
     found = done.metrics
     assert done.run.ending is Ending.REACHED
@@ -94,9 +90,7 @@ def test_a_disturbed_run_reaches_its_goal(
 
 
 @pytest.mark.parametrize(("scenario", "seed", "robot", "level"), RUNS)
-def test_the_books_are_right(
-    scenario: str, seed: int, robot: str, level: str, simulated: Simulated
-) -> None:
+def test_the_books_are_right(scenario: str, seed: int, robot: str, level: str) -> None:
     done = simulated(scenario, seed, robot, level)
     run, truth, found = done.run, done.truth, done.metrics
     assert found.time_s == run.log.time_s[-1] == truth.time_s[-1]
@@ -116,7 +110,7 @@ def test_the_books_are_right(
     assert run.events[-1].kind == "end"
 
 
-def test_a_run_is_saved_as_plain_numbers(simulated: Simulated) -> None:
+def test_a_run_is_saved_as_plain_numbers() -> None:
     document = simulated("paper-2", 2).to_dict()
     again = json.loads(json.dumps(document, allow_nan=False))
     assert again["format"] == "twosra-run"
@@ -126,9 +120,9 @@ def test_a_run_is_saved_as_plain_numbers(simulated: Simulated) -> None:
     assert again["log"]["planned"][0] is not None
 
 
-def test_a_seed_is_a_run(simulated: Simulated) -> None:
+def test_a_seed_is_a_run() -> None:
     first = simulated("paper-2", 2)
-    second = simulate(problem(), seed=2)
+    second = simulate(problem(), seed=2, plan=planned("paper-2", robot=ARC))
     assert (first.truth.q == second.truth.q).all()
     assert first.run.events == second.run.events
     assert first.metrics == second.metrics
@@ -147,7 +141,7 @@ def with_coils(robot: SimulatedRobot, resistance_ohm: float) -> SimulatedRobot:
 
 @pytest.mark.parametrize(("resistance_ohm", "late"), [(4.9, True), (9.0, False)])  # healthy
 def test_a_late_melt_shifts_the_phases_and_an_early_one_too(
-    resistance_ohm: float, late: bool, planned: Planned
+    resistance_ohm: float, late: bool
 ) -> None:
     made = planned("paper-1", robot=ARC)
     robot = with_coils(SimulatedRobot(made.problem, "as-planned"), resistance_ohm)
@@ -180,7 +174,7 @@ class Pushed(SimulatedRobot):
 def pushed(made: Problem, mode: tuple[int, int], push: list[float]) -> Run:
     robot = Pushed(made, "as-planned")
     robot.at_mode, robot.push = mode, np.array(push)
-    return Executor(robot).run(plan(made).require())
+    return Executor(robot).run(solution(made).require())
 
 
 def test_leaving_the_corridor_plans_the_rest_again_and_reaches_the_goal() -> None:
@@ -228,7 +222,8 @@ def test_a_heater_that_fails_is_reported_and_planned_around() -> None:
 
 
 def test_a_heater_that_fails_and_cannot_be_done_without_is_the_reason() -> None:
-    done = simulate(problem(), disturbance="mild", seed=1, broken_heaters=[1])
+    made = planned("paper-2", robot=ARC)
+    done = simulate(problem(), disturbance="mild", seed=1, broken_heaters=[1], plan=made)
     assert done.run.ending is Ending.HEATER_FAILED
     assert "without heater 1: proved infeasible: segment 1 must bend" in done.run.reason
     assert "allowed modes" not in done.run.reason
@@ -282,7 +277,7 @@ def test_a_melt_that_hardly_warms_has_failed_before_three_times_its_time(
 ) -> None:
     monkeypatch.setattr("twosra_mpc.execution.doubt.DRIVE_M", np.inf)  # it stands, and is seen to
     robot = Cold(problem())
-    run = Executor(robot).run(plan(robot.made).require())
+    run = Executor(robot).run(solution(robot.made).require())
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
     assert "segment 1" in failure.text
@@ -296,7 +291,7 @@ def test_a_melt_that_hardly_warms_has_failed_before_three_times_its_time(
 
 def test_every_ending_says_why() -> None:
     task = problem("paper-1")
-    made = plan(task).require()
+    made = solution(task).require()
 
     def ended(seed: int = 4, **settings: Any) -> Run:
         robot = SimulatedRobot(task, "arc", LEVELS["moderate"], seed)
@@ -319,7 +314,7 @@ def test_every_ending_says_why() -> None:
         assert (run.log.setpoint_C[-1] == 25.0).all()
 
 
-def test_a_plan_for_another_robot_is_refused_by_name(planned: Planned) -> None:
+def test_a_plan_for_another_robot_is_refused_by_name() -> None:
     robot = SimulatedRobot(problem())
     with pytest.raises(InputError, match=r"plan.robot = '2sra-v1-paper'.*2sra-v1"):
         Executor(robot).run(planned("paper-2", robot="2sra-v1-paper"))
@@ -435,7 +430,7 @@ def test_pulses_are_worth_the_command_on_average() -> None:
     assert (Pulses(0.0).shape(slow) == slow).all()
 
 
-def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
+def test_heaters_wait_for_the_phases_before_them() -> None:
     made = planned("paper-1", robot=ARC)  # [0,0] > [1,0] > [1,1]
     schedule = HeaterSchedule(made)
     melt_2 = next(t for t in made.transitions if (t.segment, t.to) == (2, "soft"))
@@ -454,7 +449,7 @@ def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
     assert 61 - 25 > warm - 25 > 15
 
 
-def test_one_heater_at_a_time_is_kept(planned: Planned) -> None:
+def test_one_heater_at_a_time_is_kept() -> None:
     made = planned("paper-1", robot=ARC, heaters_at_once=1)
     schedule = HeaterSchedule(made)
     for clock_s in np.linspace(0.0, made.samples.t_s[-1], 400):
@@ -491,7 +486,7 @@ def test_accuracy_counts_distances_in_its_own_units() -> None:
     assert "2.0 mm, 0.50 degrees, +0.20 and -0.90 1/m" in ACCURACY.describe(error)
 
 
-def test_a_spread_is_median_tail_and_worst(simulated: Simulated) -> None:
+def test_a_spread_is_median_tail_and_worst() -> None:
     done = simulated("paper-2", 2)
     found = done.metrics
     runs = [found._replace(time_s=float(k)) for k in range(1, 102)]

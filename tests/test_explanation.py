@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from conftest import Run
+from once import planned, solved
 
 import twosra_mpc.analysis.alternatives as alternatives_module
 import twosra_mpc.cli.explain_command as command
@@ -63,8 +64,8 @@ VARIANTS: list[dict[str, Any]] = [
 def made(request: pytest.FixtureRequest) -> Plan:
     others = ("paper-4", "move-and-shape", "rigid-move")
     if request.param < len(VARIANTS):
-        return plan(load_problem("paper-1", **VARIANTS[request.param])).require()
-    return plan(load_problem(others[request.param - len(VARIANTS)])).require()
+        return planned("paper-1", **VARIANTS[request.param])
+    return planned(others[request.param - len(VARIANTS)])
 
 
 def test_the_critical_path_adds_up_to_the_duration(made: Plan) -> None:
@@ -102,7 +103,7 @@ def test_everything_is_on_the_path_or_beside_it(made: Plan) -> None:
 
 
 def test_what_paper_1_waits_for_is_told_in_words() -> None:
-    made = plan(load_problem("paper-1")).require()
+    made = planned("paper-1")
     told = [f"{seconds:.1f} s {words}" for seconds, words in in_words(critical_path(made))]
     assert told == [
         "62.7 s melting segment 1 (26.3 s of it while the robot may still move)",
@@ -116,13 +117,11 @@ def test_what_paper_1_waits_for_is_told_in_words() -> None:
 
 def test_a_wait_that_nothing_explains_is_called_one() -> None:
     """A phase that begins a second late, for no reason."""
-    found = plan(load_problem("rigid-move")).require()
+    found = planned("rigid-move")
     (phase,) = found.phases
     moved, samples = (phase._replace(start_s=1.0, end_s=phase.end_s + 1.0),), found.samples
     trajectory = dataclasses.replace(
-        found.trajectory,
-        phases=moved,
-        samples=dataclasses.replace(samples, t_s=samples.t_s + 1.0),
+        found.trajectory, phases=moved, samples=dataclasses.replace(samples, t_s=samples.t_s + 1.0)
     )
     late = dataclasses.replace(found, trajectory=trajectory)
     waiting, driving = critical_path(late)
@@ -149,7 +148,7 @@ def test_the_next_best_sequence_is_another_one_and_not_below_the_bound(
     assert other.result.found
     assert modes_of(other.plan) != modes_of(original)
     assert other.plan.cost.total >= original.lower_bound - 1e-9
-    quick = plan(load_problem(name, motion="fastest")).require()
+    quick = planned(name, motion="fastest")
     assert other.difference_s == other.plan.cost.total - quick.cost.total
     assert other.original.cost == quick.cost
     assert f"Instead, compared at full speed ({quick.cost.total:.2f} s" in str(told)
@@ -171,7 +170,7 @@ def test_no_alternative_is_cheaper_than_what_is_explained(
 
 
 def test_a_plan_at_full_speed_is_compared_with_itself() -> None:
-    made = plan(load_problem("shape-change", motion="fastest"))
+    made = solved("shape-change", motion="fastest")
     told = explain(made)
     assert all(other.original is made.plan for other in told.alternatives)
     assert "Instead\n" in str(told)
@@ -280,7 +279,7 @@ def test_where_nothing_needs_to_melt_that_is_said() -> None:
 
 def test_a_plan_is_explained_as_its_problem_is(explained: Callable[[str], Explanation]) -> None:
     known = explained("shape-change")
-    again = explain(plan(load_problem("shape-change")))
+    again = explain(solved("shape-change"))
     assert [str(one) for one in again.alternatives] == [str(one) for one in known.alternatives]
 
 
@@ -364,7 +363,7 @@ def test_metal_that_would_never_melt_is_refused() -> None:
 
 
 def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = plan(load_problem("paper-1"))
+    made = solved("paper-1")
     asked: list[str] = []
 
     def tell(words: str) -> None:
@@ -386,7 +385,7 @@ def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> 
 def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = plan(load_problem("rigid-move", motion="fastest"))
+    made = solved("rigid-move", motion="fastest")
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -402,7 +401,7 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
 def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = plan(load_problem("paper-2"))
+    made = solved("paper-2")
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
 from foxglove.messages import FrameTransforms, Quaternion, SceneUpdate
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
+from once import planned, solved
 
 from twosra_mpc import InputError, Plan, plotting
 from twosra_mpc.checking.plan_file import refined
@@ -56,7 +57,7 @@ def decoded(schema: Schema, data: bytes) -> Any:
 
 @pytest.fixture(scope="module", params=["paper-1", "paper-2"])
 def exported(
-    request: pytest.FixtureRequest, planned: Planned, tmp_path_factory: pytest.TempPathFactory
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Plan, Messages]:
     """A plan, and what is read back from its MCAP file."""
     plan = planned(request.param)
@@ -99,9 +100,7 @@ def test_wheels_that_hold_from_message_to_message_turn_as_far_as_planned(
     np.testing.assert_allclose(turned, expected, atol=1e-6)
 
 
-def test_the_robot_is_written_whenever_it_moves_or_changes(
-    exported: tuple[Plan, Messages],
-) -> None:
+def test_the_robot_is_written_whenever_it_moves_or_changes(exported: tuple[Plan, Messages]) -> None:
     plan, messages = exported
     samples = plan.samples
     times = [time_s for time_s, _ in messages["/robot"]]
@@ -178,9 +177,7 @@ def matrix(transform: Any) -> np.ndarray:
     return np.array([[c, -s, at.x], [s, c, at.y], [0.0, 0.0, 1.0]])
 
 
-def test_robot_and_frames_are_whole_messages_of_the_official_schemas(
-    planned: Planned, tmp_path: Path
-) -> None:
+def test_robot_and_frames_are_whole_messages_of_the_official_schemas(tmp_path: Path) -> None:
     save_mcap(planned("paper-2"), tmp_path / "plan.mcap")
     official = {"/robot": SceneUpdate.get_schema(), "/tf": FrameTransforms.get_schema()}
     with (tmp_path / "plan.mcap").open("rb") as stream:
@@ -196,7 +193,7 @@ def test_robot_and_frames_are_whole_messages_of_the_official_schemas(
             assert content.SerializeToString() == message.data  # nothing the schema does not know
 
 
-def test_a_table_refuses_what_is_not_in_its_schema(planned: Planned, tmp_path: Path) -> None:
+def test_a_table_refuses_what_is_not_in_its_schema(tmp_path: Path) -> None:
     save_mcap(planned("paper-2"), tmp_path / "plan.mcap")
     with (tmp_path / "plan.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -211,7 +208,7 @@ def test_a_table_refuses_what_is_not_in_its_schema(planned: Planned, tmp_path: P
         assert not validator.is_valid({"mode1": "soft", "x_m": "0"})
 
 
-def test_a_rate_adds_samples_and_keeps_the_plans_own(planned: Planned, tmp_path: Path) -> None:
+def test_a_rate_adds_samples_and_keeps_the_plans_own(tmp_path: Path) -> None:
     plan = planned("paper-2")
     save_mcap(plan, tmp_path / "plan.mcap", rate_Hz=2.0)
     denser = refined(plan, 2.0).samples
@@ -225,7 +222,7 @@ def test_a_rate_adds_samples_and_keeps_the_plans_own(planned: Planned, tmp_path:
         assert np.diff(there).max() <= 0.5 + 1e-9
 
 
-def test_the_file_says_what_it_is(planned: Planned, tmp_path: Path) -> None:
+def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     plan = planned("paper-2")
     save_mcap(plan, tmp_path / "plan.mcap")
     with (tmp_path / "plan.mcap").open("rb") as stream:
@@ -248,7 +245,7 @@ def rows_of(path: Path) -> tuple[list[str], np.ndarray]:
     return header, np.array(rows, dtype=float)
 
 
-def test_csv_values_equal_the_plan(planned: Planned, tmp_path: Path) -> None:
+def test_csv_values_equal_the_plan(tmp_path: Path) -> None:
     plan = planned("paper-1")
     samples = plan.trajectory.held()
     save_authors_csv(plan, tmp_path / "plan.csv")
@@ -258,7 +255,7 @@ def test_csv_values_equal_the_plan(planned: Planned, tmp_path: Path) -> None:
     np.testing.assert_array_equal(table, expected)
 
 
-def test_csv_at_a_rate_lies_on_the_path(planned: Planned, tmp_path: Path) -> None:
+def test_csv_at_a_rate_lies_on_the_path(tmp_path: Path) -> None:
     plan = planned("paper-2")
     save_authors_csv(plan, tmp_path / "plan.csv", rate_Hz=10.0)
     header, table = rows_of(tmp_path / "plan.csv")
@@ -279,7 +276,7 @@ def test_csv_at_a_rate_lies_on_the_path(planned: Planned, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("save", "name"), [(save_mcap, "p.mcap"), (save_authors_csv, "p.csv")])
 def test_a_wrong_rate_is_refused_and_nothing_is_written(
-    planned: Planned, tmp_path: Path, save: Any, name: str
+    tmp_path: Path, save: Any, name: str
 ) -> None:
     with pytest.raises(InputError, match="rate"):
         save(planned("paper-2"), tmp_path / name, -1.0)
@@ -287,7 +284,7 @@ def test_a_wrong_rate_is_refused_and_nothing_is_written(
 
 
 def test_an_export_that_fails_leaves_nothing_behind(
-    planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = itertools.count()
 
@@ -303,7 +300,7 @@ def test_an_export_that_fails_leaves_nothing_behind(
 
 
 def test_without_foxglove_the_error_says_how_to_install_it(
-    planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(InputError, match=re.escape(install_command("mcap"))):
@@ -311,12 +308,7 @@ def test_without_foxglove_the_error_says_how_to_install_it(
 
 
 @pytest.mark.parametrize("name", ["plan.mcap", "plan.csv"])
-def test_the_command_writes_and_says_what(
-    run: Run,
-    solved: Solved,
-    tmp_path: Path,
-    name: str,
-) -> None:
+def test_the_command_writes_and_says_what(run: Run, tmp_path: Path, name: str) -> None:
     solved("paper-2").save(tmp_path / "plan.json")
     outcome = run("export", "plan.json", name, "--rate", "1")
     assert (outcome.code, outcome.err) == (0, "")
@@ -329,9 +321,7 @@ def test_the_command_writes_and_says_what(
     assert found.get("topics") == (list(TOPICS) if name == "plan.mcap" else None)
 
 
-def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
-    run: Run, solved: Solved, tmp_path: Path
-) -> None:
+def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(run: Run, tmp_path: Path) -> None:
     solved("rigid-move", robot="2sra-v1-paper").save(tmp_path / "paper.json")
     for name in ("plan.csv", "plan.mcap"):
         refused = run("export", "paper.json", name)
@@ -354,11 +344,7 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
     ],
 )
 def test_bad_input_is_refused(
-    run: Run,
-    solved: Solved,
-    tmp_path: Path,
-    arguments: tuple[str, ...],
-    words: str,
+    run: Run, tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     solved("paper-2").save(tmp_path / "plan.json")
     outcome = run("export", *arguments)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Planned
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from once import planned
 
 from twosra_mpc import Plan, Robot, load_robot
 from twosra_mpc.analysis.critical_path import activities, critical_path
@@ -48,7 +48,7 @@ SEGMENTS = 3
 
 
 @pytest.fixture(scope="module")
-def three(planned: Planned) -> Plan:
+def three() -> Plan:
     return planned("three-segments")
 
 

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned, Solved
 from missions import made, repeated
 from numpy.typing import NDArray
+from once import planned, solved
 from problems import at_once
 from test_verification import planned_with
 
-from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
+from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot
 from twosra_mpc.checking import reintegration
 from twosra_mpc.checking.heat import heated_states
 from twosra_mpc.checking.plan_file import check_plan
@@ -27,11 +27,7 @@ from twosra_mpc.checking.reintegration import between, between_problems, reinteg
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
-from twosra_mpc.problem.tolerances import (
-    JUMP_TOLERANCE,
-    RATE_TOLERANCE,
-    WHEEL_TOLERANCE_RAD_S,
-)
+from twosra_mpc.problem.tolerances import JUMP_TOLERANCE, RATE_TOLERANCE, WHEEL_TOLERANCE_RAD_S
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
@@ -93,7 +89,7 @@ def preheated(made: Plan) -> Trajectory:
     return replace(heated, samples=remade(made.problem, samples, segment))
 
 
-def test_preheating_is_no_plan_of_the_policy(planned: Planned) -> None:
+def test_preheating_is_no_plan_of_the_policy() -> None:
     forged = preheated(planned("paper-2", robot="2sra-v1-paper"))
     (problem,) = verify(forged).problems
     assert "gives 0.9 A, not the 0 A of the heating policy" in problem
@@ -135,7 +131,7 @@ def test_a_heater_that_regulates_instead_of_holding_is_found() -> None:
 
 
 @pytest.mark.parametrize("timing", ["constant", "paper"])
-def test_a_melt_takes_its_current(planned: Planned, timing: str) -> None:
+def test_a_melt_takes_its_current(timing: str) -> None:
     made = planned("paper-1", timing=timing)
     samples = made.samples
     forged = with_samples(made, heater_current_A=1e-6 * (samples.heater_current_A > 0))
@@ -148,7 +144,7 @@ def test_a_melt_takes_its_current(planned: Planned, timing: str) -> None:
     [("temperature_C", 25.0, "warmer or colder"), ("melt_fraction", 0.0, "more or less of it")],
 )
 def test_metal_that_melts_gets_hot_and_liquid(
-    planned: Planned, timing: str, name: str, value: float, words: str
+    timing: str, name: str, value: float, words: str
 ) -> None:
     made = planned("paper-1", timing=timing)
     forged = with_samples(made, **{name: np.full_like(getattr(made.samples, name), value)})
@@ -181,7 +177,7 @@ def sooner(made: Plan, begin: float, by: float) -> Trajectory:
     )
 
 
-def test_nothing_bends_while_a_fixed_wait_freezes(planned: Planned) -> None:
+def test_nothing_bends_while_a_fixed_wait_freezes() -> None:
     made = planned("paper-1", timing="paper")
     last = made.transitions[-1]
     early = last._replace(heater_s=made.phases[-1].start_s)
@@ -192,7 +188,7 @@ def test_nothing_bends_while_a_fixed_wait_freezes(planned: Planned) -> None:
     assert words in told(forged)
 
 
-def test_segments_do_not_change_one_by_one_where_waits_are_fixed(planned: Planned) -> None:
+def test_segments_do_not_change_one_by_one_where_waits_are_fixed() -> None:
     made = planned("paper-1", timing="paper", robot="2sra-v1-paper")  # [1,1], then [1,0]
     first = [item for item in made.transitions if item.segment == 1]
     gone = first[1:3]  # it just stays soft while the other one freezes
@@ -218,7 +214,7 @@ def test_half_a_reconfiguration_is_no_wait() -> None:
 # --- the motion ----------------------------------------------------------------------------------
 
 
-def test_the_mode_at_rest_is_that_of_the_metal(planned: Planned) -> None:
+def test_the_mode_at_rest_is_that_of_the_metal() -> None:
     made = planned("paper-1")
     resting = np.flatnonzero(~made.samples.moves)
     for row in (resting[0], resting[len(resting) // 2], resting[-1]):
@@ -228,7 +224,7 @@ def test_the_mode_at_rest_is_that_of_the_metal(planned: Planned) -> None:
 
 
 @pytest.mark.parametrize("key", ["start_s", "end_s"])
-def test_phases_begin_and_end_where_motion_does(planned: Planned, key: str) -> None:
+def test_phases_begin_and_end_where_motion_does(key: str) -> None:
     made = planned("paper-1")
     for i, phase in enumerate(made.phases):
         moved = phase._replace(**{key: 1.001 * getattr(phase, key) + 1e-3})
@@ -236,7 +232,7 @@ def test_phases_begin_and_end_where_motion_does(planned: Planned, key: str) -> N
         assert "phase" in told(replace(made.trajectory, phases=phases))
 
 
-def test_events_are_samples(planned: Planned) -> None:
+def test_events_are_samples() -> None:
     made = planned("paper-1")
     later = made.transitions[0]._replace(onset_s=made.transitions[0].onset_s + 1e-3)
     forged = replace(made.trajectory, transitions=(later, *made.transitions[1:]))
@@ -331,18 +327,12 @@ FORGED: dict[str, tuple[Callable[[Document], object], str]] = {
         lambda d: d.update(lower_bound_s=-1.0, status="feasible"),
         "lower bound: below zero",
     ),
-    "a bound that is no number": (
-        lambda d: d.update(lower_bound_s=float("nan")),
-        "lower_bound_s",
-    ),
+    "a bound that is no number": (lambda d: d.update(lower_bound_s=float("nan")), "lower_bound_s"),
     "a plan that is better than it says": (
         lambda d: d.update(status="feasible"),
         "status: feasible; gap",
     ),
-    "a planner that proves nothing": (
-        lambda d: d.update(planner="greedy"),
-        "planner greedy",
-    ),
+    "a planner that proves nothing": (lambda d: d.update(planner="greedy"), "planner greedy"),
     "an end of the search that was none": (
         lambda d: d.update(stopped_early=True),
         "stopped_early: True",
@@ -356,7 +346,7 @@ FORGED: dict[str, tuple[Callable[[Document], object], str]] = {
 
 
 @pytest.mark.parametrize("how", FORGED)
-def test_a_forged_claim_is_refused_by_name(how: str, solved: Solved, tmp_path: Path) -> None:
+def test_a_forged_claim_is_refused_by_name(how: str, tmp_path: Path) -> None:
     document = deepcopy(solved("paper-1").to_dict())
     forge, words = FORGED[how]
     forge(document)
@@ -364,7 +354,7 @@ def test_a_forged_claim_is_refused_by_name(how: str, solved: Solved, tmp_path: P
 
 
 def test_any_path_model_is_one_of_a_robot_and_other_robots_are_taken_as_they_are(
-    solved: Solved, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     document = deepcopy(solved("paper-2", robot="2sra-v1-paper").to_dict())
     document["robot"]["path"]["growth"][0] *= 1.01
@@ -481,13 +471,11 @@ def as_file(made_by_hand: Plan) -> Document:
 
 
 @pytest.mark.parametrize("case", [*CASES, "kept warm", "mission"])
-def test_no_number_of_a_plan_is_changed_unnoticed(
-    case: str, solved: Solved, tmp_path: Path
-) -> None:
+def test_no_number_of_a_plan_is_changed_unnoticed(case: str, tmp_path: Path) -> None:
     if case in CASES:
         document = solved(**CASES[case]).to_dict()
     elif case == "mission":
-        document = plan(load_problem("rigid-move", **MISSION)).to_dict()
+        document = solved("rigid-move", **MISSION).to_dict()
     else:
         document = as_file(kept_warm())
     document = json.loads(json.dumps(document))
@@ -498,7 +486,7 @@ def test_no_number_of_a_plan_is_changed_unnoticed(
 
 
 def test_what_speeds_may_gain_between_samples_is_added_to_their_shares(
-    planned: Planned, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The units are at full speed all the time: any gain is too much, beyond rounding."""
     trajectory = planned("paper-1", robot="2sra-v1-paper").trajectory
@@ -519,7 +507,7 @@ def test_what_speeds_may_gain_between_samples_is_added_to_their_shares(
 
 
 @pytest.mark.parametrize(("count", "kept"), [(4, True), (20, False)])
-def test_small_jumps_of_wheels_add_up(planned: Planned, count: int, kept: bool) -> None:
+def test_small_jumps_of_wheels_add_up(count: int, kept: bool) -> None:
     """Each is less than a wheel may turn otherwise than its inputs ask; all together are told."""
     made = planned("paper-1")
     by = 0.9 * WHEEL_TOLERANCE_RAD_S

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from once import planned, solved
 from problems import ROBOT, random_problem
 
 import twosra_mpc.planning.greedy as greedy
@@ -21,7 +22,7 @@ PUBLISHED = {
 
 
 def test_the_default_robot_goes_from_rest_to_rest_between_the_steps_of_the_rule() -> None:
-    result = plan(load_problem("rigid-move", planner="greedy"))
+    result = solved("rigid-move", planner="greedy")
     assert result.status is Status.FEASIBLE
     assert result.plan.verification.limits["wheel_acceleration_rad_s2"] >= 0.0
     assert not result.plan.samples.v[[0, -1]].any()
@@ -29,7 +30,7 @@ def test_the_default_robot_goes_from_rest_to_rest_between_the_steps_of_the_rule(
 
 @pytest.mark.parametrize(("name", "sequence"), PUBLISHED.items())
 def test_the_published_mode_sequences_are_found(name: str, sequence: object) -> None:
-    result = plan(load_problem(name, robot=ROBOT, planner="greedy"))
+    result = solved(name, robot=ROBOT, planner="greedy")
     assert tuple(phase.mode for phase in result.plan.phases) == sequence
     assert result.status is Status.FEASIBLE
     assert result.planner == "greedy"
@@ -49,7 +50,7 @@ def test_the_error_never_grows_and_the_mode_changes_only_when_stuck() -> None:
 
 
 def test_it_stops_when_no_allowed_mode_helps() -> None:
-    result = plan(load_problem("paper-1", planner="greedy", modes=[RIGID]))
+    result = solved("paper-1", planner="greedy", modes=[RIGID])
     assert result.status is Status.FAILED
     assert result.plan is None
     assert "no allowed mode comes nearer to the goal" in result.message
@@ -66,7 +67,7 @@ def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
     problem = load_problem("paper-1", planner="greedy")
     goal = dict(zip(("x_m", "y_m", "phi_rad"), problem.start.configuration, strict=False))
     goal["kappa_per_m"] = problem.start.kappa_per_m
-    result = plan(load_problem("paper-1", planner="greedy", goal=goal)).require()
+    result = planned("paper-1", planner="greedy", goal=goal)
     assert result.duration_s == 0.0
     assert result.phases == ()
 

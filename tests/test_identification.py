@@ -99,10 +99,7 @@ def test_two_nodes_take_the_steps_of_the_differential_equation() -> None:
     x = np.array([10.0, 4.0])
     for k, u in enumerate(duty):
         done = solve_ivp(
-            lambda _, x, u=u: [
-                p * u - a * (x[0] - x[1]),
-                a / beta * (x[0] - x[1]) - b * x[1],
-            ],
+            lambda _, x, u=u: [p * u - a * (x[0] - x[1]), a / beta * (x[0] - x[1]) - b * x[1]],
             (0.0, 0.5),
             x,
             rtol=1e-10,

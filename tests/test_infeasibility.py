@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from once import solved
 from problems import goal_tree
 
-from twosra_mpc import Goal, Problem, Start, Status, load_problem, load_robot, plan
+from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_without
@@ -267,7 +268,7 @@ def test_a_limit_is_told_with_the_effort() -> None:
 
 
 def test_a_gap_that_is_left_is_explained() -> None:
-    result = plan(load_problem("rigid-move", gap=0.0))
+    result = solved("rigid-move", gap=0.0)
     assert result.status is Status.FEASIBLE
     assert result.message.endswith(
         "no mode sequence of up to max_phases = 8 is left to try: the gap is slack of the bounds, "

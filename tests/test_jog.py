@@ -12,7 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from conftest import Planned, Run
+from conftest import Run
+from once import planned
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Robot, load_robot
@@ -38,7 +39,7 @@ LIMITS = ROBOT.limits
 
 
 @pytest.fixture
-def firmware(planned: Planned) -> Iterator[SimulatedFirmware]:
+def firmware() -> Iterator[SimulatedFirmware]:
     """A robot that lets full current flow as long as it is told to."""
     made = SimulatedFirmware(planned("rigid-move"), regulates=False)
     yield made
@@ -227,7 +228,7 @@ def bare() -> Robot:
     return robot.with_values(segment=None, timing={"constant": robot.timing["constant"]})
 
 
-def test_a_robot_without_a_thermal_model_is_driven_but_never_heated(planned: Planned) -> None:
+def test_a_robot_without_a_thermal_model_is_driven_but_never_heated() -> None:
     firmware = SimulatedFirmware(planned("rigid-move"), reports=lambda *_: b"")
     robot, wheels = bare(), np.array([1.0, 0.0, -1.0, 0.0])
     jog(robot, firmware.port, firmware, for_a_time(robot, Jog(wheels, COLD), 0.5))

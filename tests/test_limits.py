@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from once import planned
 from problems import at_once
 from test_segments import ROBOTS, world
 
@@ -116,7 +117,7 @@ def test_rigid_rows_forbid_no_twist_within_the_limits(
 
 
 def test_every_limit_is_checked_in_every_plan() -> None:
-    made = plan(load_problem("move-and-shape")).require()
+    made = planned("move-and-shape")
     samples = made.samples
     dt_s = np.append(np.diff(samples.t_s), 0.0)
 
@@ -135,7 +136,7 @@ def test_every_limit_is_checked_in_every_plan() -> None:
 
 
 def test_a_limit_that_a_robot_does_not_have_is_not_checked() -> None:
-    made = plan(load_problem("move-and-shape", robot=ARC)).require()
+    made = planned("move-and-shape", robot=ARC)
     assert [limit.name for limit in speed_limits(ARC)] == ["wheel_speed_rad_s", "unit_speed_m_s"]
     assert not {"bend_rate_rad_s", "wheel_acceleration_rad_s2"} & set(made.verification.limits)
     assert made.verification.limits["wheel_speed_rad_s"] == 0.0  # nothing else holds it back

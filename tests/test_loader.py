@@ -17,7 +17,8 @@ from typing import Any
 
 import click
 import pytest
-from conftest import Run, Solved
+from conftest import Run
+from once import solved
 from test_seams import MODULES, imports
 
 from twosra_mpc import NoPlanError, Plan, load_plan
@@ -53,7 +54,7 @@ def takes_a_plan(name: str) -> bool:
 
 
 @pytest.fixture(scope="module")
-def forged(solved: Solved, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def forged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan file in which one wheel stands still in one sample."""
     document = json.loads(json.dumps(solved("paper-1").to_dict()))
     wheels = document["samples"]["wheel_rad_s"]

@@ -7,16 +7,16 @@ import copy
 import gc
 import pickle
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from problems import ROBOT
 
 import twosra_mpc
-from tests.problems import ROBOT
 from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.model.cache import BODIES, per_body, per_function
 from twosra_mpc.model.kinematics import kinematics
@@ -56,21 +56,21 @@ def robots(count: int) -> list[Robot]:
     ]
 
 
-@pytest.fixture(autouse=True)
-def looked_at_alone() -> Iterator[None]:
-    """Leave what was there before out of every collection: it takes a second each time."""
+@pytest.fixture
+def alive() -> Iterator[Callable[[], int]]:
+    """How many functions there are, but for those of before: to look at all takes a second."""
+
+    def count() -> int:
+        gc.collect()
+        return sum(isinstance(each, ca.Function) for each in gc.get_objects())
+
     gc.collect()
     gc.freeze()
-    yield
+    yield count
     gc.unfreeze()
 
 
-def alive() -> int:
-    gc.collect()
-    return sum(isinstance(each, ca.Function) for each in gc.get_objects())
-
-
-def test_no_more_functions_are_kept_of_many_robots_than_of_few() -> None:
+def test_no_more_functions_are_kept_of_many_robots_than_of_few(alive: Callable[[], int]) -> None:
     problem, kept, compiled = load_problem("paper-1"), [], []
     for robot in robots(BODIES + 2):
         assert plan(problem.with_values(robot=robot)).plan is not None
@@ -118,7 +118,7 @@ def test_a_copy_with_other_values_keeps_nothing_that_was_worked_out_of_the_old_o
         assert warm.start_mode == (1, 1)
 
 
-def test_what_is_made_of_a_function_goes_with_it() -> None:
+def test_what_is_made_of_a_function_goes_with_it(alive: Callable[[], int]) -> None:
     x = ca.SX.sym("x")
 
     @per_function()
@@ -152,7 +152,7 @@ def test_threads_evaluate_rows_of_one_function_at_once() -> None:
     np.testing.assert_array_equal(found, [by_rows(function, rows)[0] for rows in given])
 
 
-def test_long_arrays_of_any_length_share_one_function() -> None:
+def test_long_arrays_of_any_length_share_one_function(alive: Callable[[], int]) -> None:
     x = ca.SX.sym("x")
     function, kept = ca.Function("f", [x], [2 * x]), []
     for count in (640, 1015, 5000):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from once import solved
 
 from twosra_mpc import Plan, Problem, Result, load_problem, plan
 from twosra_mpc.execution import Ending, Executor, Patience, Reading, Run, SimulatedRobot
@@ -78,7 +79,7 @@ class Planner:
 
 def nothing(problem: Problem) -> Result:
     """No plan."""
-    found = plan(load_problem("paper-1", work_limit=1e-9, max_phases=1))
+    found = solved("paper-1", work_limit=1e-9, max_phases=1)
     return replace(found, problem=problem, plan=None, message="there is no way")
 
 

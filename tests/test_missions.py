@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from conftest import Solved
 from grasps import drawn
+from once import solved
 from problems import faster_robot, random_problem
 
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
@@ -337,9 +337,7 @@ SCENARIOS = {
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_built_in_missions_are_planned_and_their_files_hold(
-    name: str, solved: Solved, tmp_path: Path
-) -> None:
+def test_built_in_missions_are_planned_and_their_files_hold(name: str, tmp_path: Path) -> None:
     result = solved(name)
     made = check_mission(result)
     assert tuple(task.do for task in made.problem.tasks) == SCENARIOS[name]
@@ -355,7 +353,7 @@ def test_built_in_missions_are_planned_and_their_files_hold(
     assert read.cost.total == pytest.approx(made.cost.total)
 
 
-def test_what_the_built_in_missions_touch(solved: Solved) -> None:
+def test_what_the_built_in_missions_touch() -> None:
     held = solved("pick-and-place").require().trajectory
     closed = held.configuration(np.array([held.done_s[0]]))[0][3:]
     assert closed == pytest.approx(np.sign(closed[0]) / 0.0344 * np.ones(2), rel=0.4)
@@ -394,7 +392,7 @@ def test_what_is_pushed_needs_no_cage() -> None:
     assert made.sequence[-1] == RIGID
 
 
-def test_a_mission_goes_on_with_the_object_in_hand(solved: Solved) -> None:
+def test_a_mission_goes_on_with_the_object_in_hand() -> None:
     made = solved("pick-and-place").require()
     at = np.array([made.trajectory.done_s[0]])
     x, y, phi, *kappa = made.trajectory.configuration(at)[0].tolist()

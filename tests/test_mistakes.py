@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Run, Solved
+from conftest import Run
+from once import solved
 
 from twosra_mpc import (
     InputError,
@@ -248,7 +249,7 @@ def test_a_slip_in_a_scenario_is_answered_with_what_to_write(
 
 @pytest.mark.parametrize(("command", "words"), COMMANDS)
 def test_a_slip_at_the_prompt_is_answered_with_what_to_type(
-    command: str, words: tuple[str, ...], run_as_is: Run, solved: Solved, tmp_path: Path
+    command: str, words: tuple[str, ...], run_as_is: Run, tmp_path: Path
 ) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")
     code, out, err = run_as_is(*command.split())

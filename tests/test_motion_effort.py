@@ -12,6 +12,7 @@ import pytest
 from conftest import Run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from once import planned, solved
 from problems import ROBOT, at_once, bound_of, network_of, random_problem
 
 from twosra_mpc import Problem, Result, Robot, load_plan, load_problem, load_robot, plan
@@ -46,7 +47,7 @@ def weighed(weight: float, name: str = "paper-2", **overrides: object) -> Proble
 @pytest.mark.parametrize("name", ["paper-1", "paper-3"])
 def test_effort_is_the_integral_of_the_squares_of_wheel_speeds(name: str, robot: str) -> None:
     """By Gauss and Legendre's rule, at places that are flown to."""
-    whole = plan(load_problem(name, robot=robot)).require().trajectory
+    whole = planned(name, robot=robot).trajectory
     nodes, weights = np.polynomial.legendre.leggauss(6)
     begin, lasting = whole.samples.t_s[:-1, None], np.diff(whole.samples.t_s)[:, None]
     wheels = whole.at((begin + (1 + nodes) / 2 * lasting).ravel()).wheel_rad_s
@@ -121,7 +122,7 @@ def test_the_effort_stated_is_that_of_the_wheels(made: Callable[[], Result]) -> 
 
 
 def test_more_weight_is_less_effort_in_more_time() -> None:
-    quick = plan(load_problem("paper-1", motion="fastest")).require()
+    quick = planned("paper-1", motion="fastest")
     made = [plan(weighed(weight, "paper-1")).require() for weight in (1e-6, 1.0, 20.0)]
     assert made[0].cost.time_s == pytest.approx(quick.cost.time_s, abs=1e-4)
     for less, more in itertools.pairwise(made):
@@ -205,7 +206,7 @@ def test_files_state_the_effort_and_are_believed_in_nothing(tmp_path: Path) -> N
 
 def test_older_files_state_no_effort(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
-    plan(load_problem("paper-2")).save(path)
+    solved("paper-2").save(path)
     document = json.loads(path.read_text(encoding="utf-8"))
     del document["cost"]["effort_s"], document["scenario"]["weights"]["effort"]
     path.write_text(json.dumps(document), encoding="utf-8")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
-from conftest import Solved
 from heating import true_history, write_log
+from once import solved
 from photographs import write_folder
 from test_occupancy_map import write_map
 from test_replay import TRIAL, TRIAL_1
@@ -54,28 +56,67 @@ QUICK: dict[str, tuple[str, int]] = {
     "schema": ("scenario", 0),
     "doctor": ("", 0),
 }
+QUIET = ("plan", "schema", "animate")
 PROBLEMS = """scenario = "shape-change"
 [grid]
 "goal.kappa_per_m.0" = [20.0]
 """
 
 
-def ran(*command: str) -> tuple[int, str, str]:
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+# The program once for each line of standard input, in a fork that has imported everything.
+FORKS = """
+import importlib, json, os, shlex, sys
+from matplotlib import pyplot
+from twosra_mpc import __main__, cli, execution, planning, plotting, report
+modules = sorted({*cli._MODULES.values()})
+for module in modules:
+    importlib.import_module(f"twosra_mpc.{module}")
+codes = {}
+for line in sys.stdin:
+    name, *sys.argv[1:] = shlex.split(line)
+    if (child := os.fork()) == 0:
+        for stream in (1, 2):
+            os.dup2(os.open(f"{name}.{stream}", os.O_CREAT | os.O_WRONLY), stream)
+        sys.argv[0] = "twosra"
+        sys.exit(__main__.main())
+    codes[name] = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+print(json.dumps(codes))
+"""
+
+
+def ran(*command: str, given: str = "") -> tuple[int, str, str]:
+    done = subprocess.run(
+        command, input=given, capture_output=True, text=True, timeout=120, check=False
+    )
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.fixture
-def folder(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with what the commands read, in which the user is."""
-    monkeypatch.chdir(tmp_path)
-    solved("shape-change").save("plan.json")
-    write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
-    write_map(tmp_path, [[0, 255], [255, 255]])
-    write_folder(tmp_path / "shots", [-30.0, 20.0])
-    Path("exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
-    Path("problems.toml").write_text(PROBLEMS, encoding="utf-8")
-    return tmp_path
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the commands read."""
+    folder = tmp_path_factory.mktemp("folder")
+    solved("shape-change").save(folder / "plan.json")
+    write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
+    write_map(folder, [[0, 255], [255, 255]])
+    write_folder(folder / "shots", [-30.0, 20.0])
+    (folder / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
+    (folder / "problems.toml").write_text(PROBLEMS, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def every(folder: Path) -> Callable[[str], tuple[int, str, str]]:
+    """Exit code, output and errors of each command with --json, and of some with -q."""
+    lines = [f"{name} {name} {given} --json\n" for name, (given, _) in QUICK.items()]
+    lines += [f"{name}-quiet {name} {QUICK[name][0]} -q\n" for name in QUIET]
+    with contextlib.chdir(folder):
+        code, out, err = ran(sys.executable, "-c", FORKS, given="".join(lines))
+    assert (code, err) == (0, "")
+    codes = json.loads(out)  # and nothing else: what is imported is quiet
+    return lambda name: (
+        codes[name],
+        *((folder / f"{name}.{stream}").read_text(encoding="utf-8") for stream in (1, 2)),
+    )
 
 
 def test_no_command_that_has_json_is_forgotten() -> None:
@@ -85,12 +126,12 @@ def test_no_command_that_has_json_is_forgotten() -> None:
     assert set(QUICK) == has
 
 
-@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("name", QUICK)
-def test_standard_output_is_one_json_document_and_standard_error_is_ours(name: str) -> None:
-    given, expected = QUICK[name]
-    code, out, err = ran(*TWOSRA, name, *given.split(), "--json")
-    assert code == expected, err
+def test_standard_output_is_one_json_document_and_standard_error_is_ours(
+    name: str, every: Callable[[str], tuple[int, str, str]]
+) -> None:
+    code, out, err = every(name)
+    assert code == QUICK[name][1], err
     if code == 0:
         json.loads(out)
         assert err == ""
@@ -100,10 +141,9 @@ def test_standard_output_is_one_json_document_and_standard_error_is_ours(name: s
         assert "Traceback" not in err
 
 
-@pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("name", ["plan", "schema", "animate"])
-def test_quiet_is_quiet(name: str) -> None:
-    assert ran(*TWOSRA, name, *QUICK[name][0].split(), "-q") == (0, "", "")
+@pytest.mark.parametrize("name", QUIET)
+def test_quiet_is_quiet(name: str, every: Callable[[str], tuple[int, str, str]]) -> None:
+    assert every(f"{name}-quiet") == (0, "", "")
 
 
 # A library that prints as compiled code does, from the middle of a command to the process's end.

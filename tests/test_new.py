@@ -9,7 +9,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from conftest import Run, Solved
+from conftest import Run
+from once import solved
 from test_completion import completions
 
 from twosra_mpc import load_problem, load_robot, robot_names, scenario_names
@@ -121,7 +122,7 @@ def test_a_new_batch_plans_as_it_is_told_to(run: Run, tmp_path: Path) -> None:
     assert load_spec(tmp_path / "all.toml").size == 20 * 3 * 5
 
 
-def test_a_plan_file_is_the_problem_that_it_solves(solved: Solved, tmp_path: Path) -> None:
+def test_a_plan_file_is_the_problem_that_it_solves(tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")
     assert load_problem(tmp_path / "plan.json") == solved("rigid-move").problem
     assert load_problem(tmp_path / "plan.json", gap=0.5).gap == 0.5

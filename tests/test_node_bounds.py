@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from once import planned
 from problems import ROBOT, at, goal_tree, network_of, random_problem
 from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, thermal_problems
 
@@ -63,11 +64,7 @@ def leaves_checked(problem: Problem, depth: int) -> int:
     return leaves
 
 
-ALLOWED = [
-    (RIGID, SOFT_1, SOFT_2, SOFT_BOTH),
-    (RIGID, SOFT_1, SOFT_2),
-    (SOFT_1, SOFT_2, SOFT_BOTH),
-]
+ALLOWED = [(RIGID, SOFT_1, SOFT_2, SOFT_BOTH), (RIGID, SOFT_1, SOFT_2), (SOFT_1, SOFT_2, SOFT_BOTH)]
 
 
 @pytest.mark.parametrize("seed", range(15))
@@ -107,8 +104,8 @@ def test_waits_of_any_length_bound_no_leaf_below_a_node_above_it(seed: int) -> N
 def test_with_fewer_modes_no_plan_costs_less_than_the_bound_with_all() -> None:
     given: dict[str, Any] = {"timing": "paper", "robot": "2sra-v1-paper"}
     given["weights"] = {"transition_s": 45.0}
-    every = plan(load_problem("paper-1", **given)).require()
-    fewer = plan(load_problem("paper-1", **given, modes=[RIGID, SOFT_1, SOFT_2])).require()
+    every = planned("paper-1", **given)
+    fewer = planned("paper-1", **given, modes=[RIGID, SOFT_1, SOFT_2])
     assert every.lower_bound is not None
     assert every.lower_bound <= fewer.cost.total
 

@@ -131,11 +131,7 @@ def test_a_liquid_start_goes_first_and_may_share_a_phase_while_it_coasts() -> No
         Problem(
             robot=V1,
             start=Start(
-                x_m=0.0,
-                y_m=0.0,
-                phi_rad=0.0,
-                kappa_per_m=(0.0, 0.0),
-                temperature_C=(85.0, 25.0),
+                x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0), temperature_C=(85.0, 25.0)
             ),
             goal=Goal(kappa_per_m=(20.0, 20.0)),
             modes=[RIGID, SOFT_BOTH, SOFT_1],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from once import solution
 from problems import random_problem
 from test_obstacles import random_problem as random_scene
 
@@ -44,19 +45,15 @@ def check_alike(one: Result, other: Result) -> None:
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_goal_is_planned_alike_however_it_is_said(name: str) -> None:
-    problem = load_problem(name, work_limit=300_000.0)
-    goal = plan(problem)
-    task = plan(as_task(problem))
-    check_alike(goal, task)
-    check_alike(goal, plan(before_the_goal(problem)))
+    problem = load_problem(name)
+    check_alike(solution(problem), plan(as_task(problem)))
+    check_alike(solution(problem), plan(before_the_goal(problem)))
 
 
 @pytest.mark.parametrize("number", range(10))
 def test_random_problems_are_planned_alike_as_goals_and_as_tasks(number: int) -> None:
     """Three of ten among obstacles, within a workspace."""
     problem = random_scene(number) if number < 3 else random_problem(200 + number)
-    problem = problem.with_values(work_limit=300_000.0)
-    goal = plan(problem)
-    check_alike(goal, plan(as_task(problem)))
+    check_alike(solution(problem), plan(as_task(problem)))
     if number >= 3:
-        check_alike(goal, plan(before_the_goal(problem)))
+        check_alike(solution(problem), plan(before_the_goal(problem)))

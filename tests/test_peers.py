@@ -134,12 +134,7 @@ def test_a_resumed_run_computes_only_what_is_missing(
         return [record for _, record in results_of(study, log)]
 
     whole = records()
-    assert [row.status for row in whole] == [
-        "optimal",
-        "nothing found",
-        CRASHED,
-        "nothing found",
-    ]
+    assert [row.status for row in whole] == ["optimal", "nothing found", CRASHED, "nothing found"]
     assert records() == whole
     assert begun == [OURS, "first", "second", "third"]
     log = RunLog(tmp_path, {})

@@ -10,7 +10,8 @@ import threading
 from pathlib import Path
 
 import pytest
-from conftest import Run, Solved
+from conftest import Run
+from once import solved
 
 SCENARIO = {
     "robot": "2sra-v1",
@@ -48,7 +49,7 @@ def test_a_scenario_its_robot_and_its_obstacles_come_out_of_pipes(
     assert json.loads(out)["scenario"]["obstacles"]
 
 
-def test_a_plan_comes_out_of_a_pipe(run_as_is: Run, solved: Solved, tmp_path: Path) -> None:
+def test_a_plan_comes_out_of_a_pipe(run_as_is: Run, tmp_path: Path) -> None:
     text = json.dumps(solved("rigid-move").to_dict())
     for command in (("verify",), ("resample", "--rate", "2", "out.csv"), ("report", "out.html")):
         pipe = fifo(tmp_path, f"{command[0]}.pipe", text)
@@ -64,7 +65,7 @@ def test_the_program_writes_into_its_own_streams(tmp_path: Path) -> None:
     assert program("plan", "rigid-move", "-q", "--csv", link).stderr.startswith("t_s,mode1")
 
 
-def test_a_pipe_is_written_to(run_as_is: Run, solved: Solved, tmp_path: Path) -> None:
+def test_a_pipe_is_written_to(run_as_is: Run, tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")
     os.mkfifo(tmp_path / "out.pipe")
     got: list[str] = []
@@ -76,7 +77,7 @@ def test_a_pipe_is_written_to(run_as_is: Run, solved: Solved, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("output", ["plan.json", "link.json"])
-def test_no_output_is_an_input(output: str, run_as_is: Run, solved: Solved, tmp_path: Path) -> None:
+def test_no_output_is_an_input(output: str, run_as_is: Run, tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")
     before = (tmp_path / "plan.json").read_bytes()
     (tmp_path / "link.json").symlink_to("plan.json")

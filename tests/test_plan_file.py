@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned, Solved
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from once import planned, solved
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import (
@@ -59,13 +59,13 @@ EVENT_S = 2e-6  # inputs may change this much before or after their event
 def infeasible() -> Result:
     """Proved infeasible: [1,1] alone bends both segments by the same angle."""
     goal = {"kappa_per_m": (20.0, -10.0)}
-    return plan(load_problem("shape-change", goal=goal, modes=((0, 0), (1, 1))))
+    return solved("shape-change", goal=goal, modes=((0, 0), (1, 1)))
 
 
 @pytest.fixture(scope="module")
 def empty() -> Result:
     """The goal is where the robot is already."""
-    return plan(load_problem("rigid-move", goal={"x_m": 0.0}))
+    return solved("rigid-move", goal={"x_m": 0.0})
 
 
 # --- the JSON file -------------------------------------------------------------------------------
@@ -252,7 +252,7 @@ def test_only_verified_plans_pass_require(any_result: Result, infeasible: Result
         failed.require()
 
 
-def test_the_gap_is_that_between_cost_and_bound(planned: Planned) -> None:
+def test_the_gap_is_that_between_cost_and_bound() -> None:
     made = replace(planned("paper-2"), cost=Cost(200.0, 200.0, energy_J=0.0, transitions=0))
     assert replace(made, lower_bound=None).gap is None
     assert replace(made, lower_bound=100.0).gap == 0.5
@@ -272,8 +272,7 @@ def test_what_the_search_proved_and_what_is_slow_on_purpose_are_two_numbers(
 ) -> None:
     """At full speed the same problem is planned to the same cost, which is verified there."""
     gentle, quick = (
-        plan(load_problem(name, weights=weights, motion=motion)).require()
-        for motion in ("gentle", "fastest")
+        planned(name, weights=weights, motion=motion) for motion in ("gentle", "fastest")
     )
     assert (quick.fastest_cost, quick.search_gap) == (quick.cost.total, quick.gap)
     assert (quick.slower_by, "gently" in str(quick)) == (0.0, False)
@@ -290,7 +289,7 @@ def test_what_the_search_proved_and_what_is_slow_on_purpose_are_two_numbers(
     assert str(older).endswith(f" s, proved within {percent(gentle.gap or 0.0)} of the best")
 
 
-def test_the_status_of_a_plan_follows_from_its_gap_and_verification(planned: Planned) -> None:
+def test_the_status_of_a_plan_follows_from_its_gap_and_verification() -> None:
     made = planned("paper-2")
     failed = replace(made.verification, ok=False)
     assert made.status is Status.OPTIMAL
@@ -305,9 +304,7 @@ def test_results_and_plans_are_shown_in_one_line(any_result: Result, infeasible:
     assert str(any_result.plan) in repr(any_result)
 
 
-def test_a_notebook_shows_the_figure_or_why_there_is_none(
-    solved: Solved, infeasible: Result
-) -> None:
+def test_a_notebook_shows_the_figure_or_why_there_is_none(infeasible: Result) -> None:
     found = solved("rigid-move")
     html = found.require()._repr_html_()
     (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
@@ -336,7 +333,7 @@ def test_why_the_search_ended_is_in_the_file(
 
 @pytest.mark.parametrize(("early", "ending"), [(True, Ending.LIMIT), (False, None)])
 def test_files_that_do_not_say_why_the_search_ended_still_load(
-    solved: Solved, early: bool, ending: Ending | None, tmp_path: Path
+    early: bool, ending: Ending | None, tmp_path: Path
 ) -> None:
     path = edited(
         solved("paper-2"),
@@ -350,19 +347,17 @@ def test_files_that_do_not_say_why_the_search_ended_still_load(
 
 @pytest.mark.parametrize(("margin", "verified"), [("body_gap_m", True), ("unit_gap_m", False)])
 def test_files_from_before_a_limit_still_verify(
-    solved: Solved, margin: str, verified: bool, tmp_path: Path
+    margin: str, verified: bool, tmp_path: Path
 ) -> None:
     path = edited(
-        solved("paper-2"),
-        lambda d: d["verification"]["limits"].pop(margin),
-        tmp_path / "plan.json",
+        solved("paper-2"), lambda d: d["verification"]["limits"].pop(margin), tmp_path / "plan.json"
     )
     assert check_plan(path).ok == verified
 
 
 @pytest.mark.parametrize(("share", "verified"), [(2e-8, True), (-2e-8, True), (1e-7, False)])
 def test_an_effort_may_be_that_of_another_quadrature(
-    solved: Solved, share: float, verified: bool, tmp_path: Path
+    share: float, verified: bool, tmp_path: Path
 ) -> None:
     """Versions differ by 2e-8 of it at most; a plan that says less may undercut a bound."""
 
@@ -374,7 +369,7 @@ def test_an_effort_may_be_that_of_another_quadrature(
 
 def test_a_file_of_version_1_holds_its_inputs(tmp_path: Path) -> None:
     robot = load_robot("2sra-v1-paper")
-    some = plan(load_problem("shape-change", robot=robot))
+    some = solved("shape-change", robot=robot)
     assert not some.require().samples.a.any()  # this robot may start and stop at once
 
     def written_then(document: dict[str, Any]) -> None:
@@ -408,10 +403,7 @@ BAD_PLANS: dict[str, tuple[Edit, str]] = {
     "an unknown key of the cost": (lambda d: d["cost"].update(money=1.0), "plan.cost.money"),
     "phases that are no list": (lambda d: d.update(phases=3), "plan.phases"),
     "samples without cost": (lambda d: d.update(cost=None), "plan.cost"),
-    "samples without verification": (
-        lambda d: d.update(verification=None),
-        "plan.verification",
-    ),
+    "samples without verification": (lambda d: d.update(verification=None), "plan.verification"),
     "samples that are a list": (lambda d: d.update(samples=[1, 2]), "plan.samples"),
     "a bad robot": (lambda d: d["robot"].update(name=3), "name"),
     "a bad scenario": (lambda d: d["scenario"].update(gap=3.0), "gap"),
@@ -448,7 +440,7 @@ def edited(some: Result, edit: Edit, path: Path) -> Path:
 
 
 @pytest.mark.parametrize("mistake", BAD_PLANS)
-def test_a_file_that_is_no_plan_is_refused(solved: Solved, mistake: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_plan_is_refused(mistake: str, tmp_path: Path) -> None:
     edit, field = BAD_PLANS[mistake]
     path = edited(solved("shape-change"), edit, tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
@@ -461,9 +453,7 @@ def test_a_file_that_is_no_plan_is_refused(solved: Solved, mistake: str, tmp_pat
 
 
 @pytest.mark.parametrize("mistake", ["no status", "no stats", "no onset"])
-def test_a_missing_key_of_a_plan_is_named_in_one_line(
-    solved: Solved, mistake: str, tmp_path: Path
-) -> None:
+def test_a_missing_key_of_a_plan_is_named_in_one_line(mistake: str, tmp_path: Path) -> None:
     edit, field = BAD_PLANS[mistake]
     path = edited(solved("shape-change"), edit, tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
@@ -473,18 +463,14 @@ def test_a_missing_key_of_a_plan_is_named_in_one_line(
 
 
 @pytest.mark.parametrize("mistake", ODD_VALUES)
-def test_a_plan_that_no_planner_writes_is_refused(
-    solved: Solved, mistake: str, tmp_path: Path
-) -> None:
+def test_a_plan_that_no_planner_writes_is_refused(mistake: str, tmp_path: Path) -> None:
     path = edited(solved("shape-change"), ODD_VALUES[mistake], tmp_path / "plan.json")
     with pytest.raises(InputError, match=re.escape(str(path))):
         load_plan(path)
 
 
 @pytest.mark.parametrize("mistake", BAD_VALUES)
-def test_a_plan_that_does_not_fit_together_is_refused(
-    solved: Solved, mistake: str, tmp_path: Path
-) -> None:
+def test_a_plan_that_does_not_fit_together_is_refused(mistake: str, tmp_path: Path) -> None:
     path = edited(solved("shape-change"), BAD_VALUES[mistake], tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
         load_plan(path)
@@ -531,9 +517,7 @@ def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("planner", ["optimal", "greedy"])
-def test_samples_are_further_apart_than_what_counts_as_one_time(
-    planned: Planned, planner: str
-) -> None:
+def test_samples_are_further_apart_than_what_counts_as_one_time(planner: str) -> None:
     samples = planned("paper-1", planner=planner).samples
     assert np.diff(samples.t_s).min() > SAME_TIME_S
 
@@ -660,7 +644,7 @@ def test_commands_are_those_in_force_and_wheels_turn_as_far_as_in_the_plan(
     ("timing", "rate_Hz"), [("nominal", 7.3), ("constant", 2.3), ("paper", 1.0)]
 )
 def test_configurations_at_a_rate_follow_the_path(
-    planned: Planned, planner: str, timing: str, rate_Hz: float
+    planner: str, timing: str, rate_Hz: float
 ) -> None:
     found = planned("paper-1", planner=planner, timing=timing)
     points, samples = held(found, rate_Hz), found.samples
@@ -682,7 +666,7 @@ def test_a_rate_changes_nothing_at_common_times(any_plan: Plan) -> None:
         assert np.abs(difference).max() <= 1e-12, name
 
 
-def test_configurations_at_a_rate_are_continuous(planned: Planned) -> None:
+def test_configurations_at_a_rate_are_continuous() -> None:
     fine = planned("rigid-move")
     points = held(fine, 200.0)
     speed = np.abs(np.diff(fine.samples.q, axis=0)) / np.diff(fine.samples.t_s)[:, None]
@@ -692,7 +676,7 @@ def test_configurations_at_a_rate_are_continuous(planned: Planned) -> None:
 
 @settings(max_examples=25)
 @given(rate_Hz=st.floats(0.01, 40.0))
-def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
+def test_any_rate_keeps_the_ends_of_the_plan(rate_Hz: float) -> None:
     found = planned("rigid-move")
     points, samples = held(found, rate_Hz), found.samples
     assert np.array_equal(points["q"][0], samples.q[0])
@@ -702,9 +686,7 @@ def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -
 
 
 @pytest.mark.parametrize("rate_Hz", [0.0, -1.0, math.nan, math.inf, -math.inf])
-def test_a_rate_that_is_not_positive_and_finite_is_refused(
-    planned: Planned, rate_Hz: float, tmp_path: Path
-) -> None:
+def test_a_rate_that_is_not_positive_and_finite_is_refused(rate_Hz: float, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         save_setpoints(planned("rigid-move"), tmp_path / "points.csv", rate_Hz)
     assert caught.value.field == "rate"
@@ -813,7 +795,7 @@ def test_written_files_may_be_read_as_the_umask_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("save", ["plan", "setpoints", "text"])
-def test_a_missing_folder_is_named(solved: Solved, save: str, tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(save: str, tmp_path: Path) -> None:
     found, target = solved("rigid-move"), tmp_path / "missing" / "file.json"
     action = {
         "plan": lambda: found.save(target),
@@ -834,17 +816,14 @@ def test_a_folder_is_no_file_to_write_to(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
-def test_a_plan_file_names_no_other_file(solved: Solved, tmp_path: Path) -> None:
+def test_a_plan_file_names_no_other_file(tmp_path: Path) -> None:
     """The files are there and would be read, if a scenario named them."""
     obstacles, outline, path = (tmp_path / name for name in ("a.geojson", "b.csv", "plan.json"))
     corners = [[3, 3], [3.1, 3], [3, 3.1], [3, 3]]
     obstacles.write_text(json.dumps({"type": "Polygon", "coordinates": [corners]}))
     outline.write_text("0,0\n0.02,0\n0,0.02\n")
     cup = {"name": "cup", "pose": {"x_m": 1.0, "y_m": 1.0}, "outline": str(outline)}
-    for key, value, file in (
-        ("obstacles", str(obstacles), obstacles),
-        ("objects", [cup], outline),
-    ):
+    for key, value, file in (("obstacles", str(obstacles), obstacles), ("objects", [cup], outline)):
         document = solved("paper-1").to_dict()
         assert Problem.parse({**document["scenario"], "robot": "2sra-v1", key: value}, "own")
         path.write_text(json.dumps({**document, "scenario": {**document["scenario"], key: value}}))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from once import planned, solved
 from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, random_problem
 
 import twosra_mpc.planning.planner as planner
@@ -39,8 +40,8 @@ PAPER = [f"paper-{n}" for n in range(1, 6)]
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
-    result = plan(load_problem(name, robot=ROBOT)).require()
-    greedy = plan(load_problem(name, planner="greedy", robot=ROBOT)).require()
+    result = planned(name, robot=ROBOT)
+    greedy = planned(name, planner="greedy", robot=ROBOT)
     assert result.status is Status.OPTIMAL
     assert result.gap is not None
     assert result.gap <= 0.015
@@ -58,7 +59,7 @@ def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
 def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     name: str, transitions: int, least: float
 ) -> None:
-    result = plan(load_problem(name, timing="constant", robot=ROBOT)).require()
+    result = planned(name, timing="constant", robot=ROBOT)
     assert result.cost.transitions == transitions
     assert least < result.cost.time_s < least + 3
 
@@ -67,7 +68,7 @@ def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     ("name", "total"), [("paper-1", 334.4), ("paper-2", 298.6), ("paper-5", 334.3)]
 )
 def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: float) -> None:
-    result = plan(load_problem(name, robot=ROBOT)).require()
+    result = planned(name, robot=ROBOT)
     assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
@@ -142,7 +143,7 @@ def test_a_shape_change_of_one_segment_never_melts_the_other(segment: int) -> No
 
 def test_what_the_metal_allows_is_found_and_not_coded() -> None:
     """Heating runs while driving, the second melt waits for the first bend, one common freeze."""
-    result = plan(load_problem("move-and-shape", robot=ROBOT)).require()
+    result = planned("move-and-shape", robot=ROBOT)
     melts = sorted((t for t in result.transitions if t.to == "soft"), key=lambda t: t.onset_s)
     freezes = [t for t in result.transitions if t.to == "rigid"]
     drive = result.phases[0]
@@ -155,7 +156,7 @@ def test_what_the_metal_allows_is_found_and_not_coded() -> None:
 def test_a_start_that_is_already_soft_is_used() -> None:
     base = load_problem("paper-4", robot=ROBOT)
     start = Start(**{**base.start.model_dump(), "temperature_C": (25.0, 63.0)})
-    result = plan(load_problem("paper-4", start=start.model_dump(), robot=ROBOT)).require()
+    result = planned("paper-4", start=start.model_dump(), robot=ROBOT)
     assert result.status is Status.OPTIMAL
     assert result.duration_s < 250  # no melt: only the freeze, from 63 C, and the motion
     assert [item.to for item in result.transitions] == ["rigid"]
@@ -164,7 +165,7 @@ def test_a_start_that_is_already_soft_is_used() -> None:
 def test_a_goal_may_leave_a_segment_soft() -> None:
     base = load_problem("paper-4", robot=ROBOT)
     goal = {**base.goal.model_dump(), "mode": (0, 1)}
-    result = plan(load_problem("paper-4", goal=goal, robot=ROBOT)).require()
+    result = planned("paper-4", goal=goal, robot=ROBOT)
     assert result.status is Status.OPTIMAL
     assert result.duration_s < 70
     assert [item.to for item in result.transitions] == ["soft"]
@@ -175,18 +176,16 @@ def test_free_coordinates_and_tolerances_never_cost_more() -> None:
     full = load_problem("paper-1", robot=ROBOT)
     base = plan(full).require().duration_s
     assert base is not None
-    free = plan(
-        load_problem("paper-1", goal={"kappa_per_m": [-15.0, "free"]}, robot=ROBOT)
-    ).require()
+    free = planned("paper-1", goal={"kappa_per_m": [-15.0, "free"]}, robot=ROBOT)
     assert free.status is Status.OPTIMAL
     assert free.duration_s < 300 < base
     loose = {**full.goal.model_dump(), "tolerance": {"kappa_per_m": (2.5, 2.5)}}
-    near = plan(load_problem("paper-1", goal=loose, robot=ROBOT)).require()
+    near = planned("paper-1", goal=loose, robot=ROBOT)
     assert near.duration_s < 300  # [1,1] alone comes within 2 1/m of both curvatures
 
 
 def test_infeasible_is_proved_and_explained() -> None:
-    result = plan(load_problem("paper-1", modes=[RIGID, SOFT_BOTH], robot=ROBOT))
+    result = solved("paper-1", modes=[RIGID, SOFT_BOTH], robot=ROBOT)
     assert result.status is Status.INFEASIBLE
     assert "must also be bent alone" in result.message
     assert "kappa1 from -38 to -15" in result.message
@@ -197,15 +196,15 @@ def test_infeasible_is_proved_and_explained() -> None:
 
 
 def test_too_few_phases_is_not_called_infeasible() -> None:
-    result = plan(load_problem("paper-1", max_phases=3, robot=ROBOT))
+    result = solved("paper-1", max_phases=3, robot=ROBOT)
     assert result.status is Status.FAILED
     assert "raise max_phases" in result.message
     assert result.lower_bound is not None
-    assert result.lower_bound <= plan(load_problem("paper-1", robot=ROBOT)).require().duration_s
+    assert result.lower_bound <= planned("paper-1", robot=ROBOT).duration_s
 
 
 def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
-    result = plan(load_problem("paper-1", work_limit=1e-9, robot=ROBOT))
+    result = solved("paper-1", work_limit=1e-9, robot=ROBOT)
     assert result.status is Status.FAILED
     assert result.ending is Ending.LIMIT
     assert "raise work_limit" in result.message
@@ -297,7 +296,7 @@ def test_an_interrupt_before_any_plan_verifies_ends_the_search(
 
 
 def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:
-    result = plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
+    result = solved("rigid-move", gap=0.0, robot=ROBOT)
     assert result.status is Status.FEASIBLE
     assert result.gap is not None
     assert 0 < result.gap < 0.02
@@ -313,20 +312,20 @@ def test_progress_is_reported() -> None:
 
 def test_the_authors_timing_waits_through_every_transition() -> None:
     for name in PAPER:
-        result = plan(load_problem(name, timing="paper", robot=ROBOT)).require()
-        greedy = plan(load_problem(name, timing="paper", planner="greedy", robot=ROBOT)).require()
+        result = planned(name, timing="paper", robot=ROBOT)
+        greedy = planned(name, timing="paper", planner="greedy", robot=ROBOT)
         assert result.status is Status.OPTIMAL
         assert result.duration_s <= greedy.duration_s
     waits = {"paper-1": 1404.0, "paper-2": 400.0, "paper-4": 400.0}
     for name, wait in waits.items():
-        greedy = plan(load_problem(name, timing="paper", planner="greedy", robot=ROBOT)).require()
+        greedy = planned(name, timing="paper", planner="greedy", robot=ROBOT)
         moving = sum(phase.end_s - phase.start_s for phase in greedy.phases)
         assert greedy.duration_s == pytest.approx(wait + moving, abs=1e-6)
 
 
 def test_weights_enter_cost_and_bound() -> None:
     weights = {"energy_s_per_J": 0.1, "transition_s": 5.0}
-    result = plan(load_problem("paper-1", weights=weights, robot=ROBOT)).require()
+    result = planned("paper-1", weights=weights, robot=ROBOT)
     cost = result.cost
     assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 5.0 * cost.transitions)
     assert result.lower_bound is not None

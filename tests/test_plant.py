@@ -8,9 +8,9 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from conftest import Planned
+from once import planned
 
-from twosra_mpc import InputError, Plan, Problem, load_problem
+from twosra_mpc import InputError, Problem, load_problem
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.robot_interface import Camera
@@ -78,8 +78,8 @@ def test_wheels_that_agree_move_the_robot_as_the_model_says(
     assert rolled == pytest.approx(believed, abs=2e-6)
 
 
-def test_a_plan_replayed_by_its_wheels_ends_where_it_should(planned: object) -> None:
-    made: Plan = planned("paper-1", robot=ARC)  # type: ignore[operator]
+def test_a_plan_replayed_by_its_wheels_ends_where_it_should() -> None:
+    made = planned("paper-1", robot=ARC)
     samples, robot = made.trajectory.held(), made.robot
     flow, q, pieces = interval_flow(robot, 8), samples.q[0], 8
     for i in np.flatnonzero(samples.v[:-1].any(axis=1)):
@@ -385,9 +385,7 @@ def test_a_start_above_the_melting_point_is_soft() -> None:
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-5"])
-def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(
-    name: str, planned: Planned
-) -> None:
+def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(name: str) -> None:
     made, step_s = planned(name), 0.1
     at_s = np.arange(0.0, made.duration_s + step_s, step_s)
     setpoint_C = made.trajectory.heater_setpoint_C(at_s)

@@ -21,15 +21,9 @@ from matplotlib.colors import same_color, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
+from once import planned
 
-from twosra_mpc import (
-    InputError,
-    Plan,
-    load_problem,
-    load_robot,
-    plan,
-    plotting,
-)
+from twosra_mpc import InputError, load_problem, load_robot, plotting
 from twosra_mpc.files import data_file
 from twosra_mpc.lab.figures.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
 from twosra_mpc.plans.trajectory import Phase, stiffness_intervals
@@ -75,13 +69,8 @@ BENT = (0.238, 0.276, -0.24, -38.0, -24.0)
 
 
 @cache
-def made(name: str, planner: str = "optimal") -> Plan:
-    return plan(load_problem(name, planner=planner)).require()
-
-
-@cache
 def drawn(name: str, planner: str = "optimal") -> Figure:
-    return plot_plan(made(name, planner))
+    return plot_plan(planned(name, planner=planner))
 
 
 def axes_of() -> Axes:
@@ -206,7 +195,7 @@ def visible_texts(figure: Figure) -> list[tuple[str, Bbox]]:
 
 @pytest.mark.parametrize(("name", "planner"), PLANS)
 def test_every_phase_has_its_panel_with_its_colours_and_poses(name: str, planner: str) -> None:
-    result = made(name, planner)
+    result = planned(name, planner=planner)
     panels = drawn(name, planner).axes[1:-TIMELINE]
     assert len(panels) == (len(result.phases) if len(result.phases) > 1 else 0)
     for ax, phase in zip(panels, result.phases, strict=False):
@@ -228,14 +217,14 @@ def test_every_phase_has_its_panel_with_its_colours_and_poses(name: str, planner
     ],
 )
 def test_title_tells_sequence_duration_status_and_gap(share: float, told: str) -> None:
-    result = plan(load_problem("rigid-move", motion="fastest", gap=0.01)).require()
+    result = planned("rigid-move", motion="fastest", gap=0.01)
     title = plan_title(replace(result, lower_bound=share * result.cost.total))
     assert title.startswith(f"[0,0] in {result.cost.time_s:.1f} s: {told}")
     assert title.endswith(told)
 
 
 def test_title_of_a_greedy_plan_claims_no_proof() -> None:
-    assert plan_title(made("paper-1", "greedy")).endswith(
+    assert plan_title(planned("paper-1", planner="greedy")).endswith(
         "planner greedy, feasible\nno bound proved"
     )
 
@@ -243,7 +232,7 @@ def test_title_of_a_greedy_plan_claims_no_proof() -> None:
 def test_a_plan_without_motion_can_be_drawn() -> None:
     start = load_problem("rigid-move").start
     goal = {"x_m": start.x_m, "y_m": start.y_m}
-    result = plan(load_problem("rigid-move", goal=goal)).require()
+    result = planned("rigid-move", goal=goal)
     assert not result.phases
     plot_plan(result).canvas.draw()
 
@@ -253,7 +242,7 @@ def test_a_plan_without_motion_can_be_drawn() -> None:
 
 @pytest.mark.parametrize(("name", "planner"), PLANS)
 def test_bars_are_soft_exactly_where_the_mode_is(name: str, planner: str) -> None:
-    result = made(name, planner)
+    result = planned(name, planner=planner)
     t = result.samples.t_s
     for j, states in enumerate(stiffness_intervals(result.trajectory)):
         assert [low for low, _, _ in states] == [0.0, *(high for _, high, _ in states[:-1])]
@@ -263,7 +252,7 @@ def test_bars_are_soft_exactly_where_the_mode_is(name: str, planner: str) -> Non
 
 
 def test_lanes_heaters_and_motion_stand_where_the_plan_has_them() -> None:
-    result, ax = made("paper-1"), axes_of()
+    result, ax = planned("paper-1"), axes_of()
     assert draw_timeline(ax, result) is ax
     bars = [patch for patch in ax.patches if patch.get_height() == 0.5]
     states = chain.from_iterable(reversed(stiffness_intervals(result.trajectory)))
@@ -296,7 +285,7 @@ def test_lanes_heaters_and_motion_stand_where_the_plan_has_them() -> None:
     ],
 )
 def test_curves_are_the_samples(draw: Callable[..., Axes], values: str) -> None:
-    result, ax = made("paper-1"), axes_of()
+    result, ax = planned("paper-1"), axes_of()
     assert draw(ax, result) is ax
     assert ax.get_ylabel().endswith("]")
     name, _, columns = values.partition("[:, ")
@@ -310,7 +299,7 @@ def test_curves_are_the_samples(draw: Callable[..., Axes], values: str) -> None:
 
 @pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-paper"])
 def test_wheel_speeds_are_drawn_as_the_ramps_and_jumps_they_are(robot: str) -> None:
-    result, ax = plan(load_problem("paper-1", robot=robot)).require(), axes_of()
+    result, ax = planned("paper-1", robot=robot), axes_of()
     assert draw_wheel_speeds(ax, result) is ax
     times, speeds = ax.lines[0].get_xdata(), [line.get_ydata() for line in ax.lines]
     samples = result.samples
@@ -340,7 +329,7 @@ def test_time_axis_is_invertible_and_gives_short_phases_room() -> None:
 
 
 def test_a_snapshot_has_the_robot_as_it_is_then_over_its_target() -> None:
-    result, ax = made("paper-1"), axes_of()
+    result, ax = planned("paper-1"), axes_of()
     time_s = result.phases[1].start_s + 1.0  # segment 1 is soft, segment 2 melts
     assert draw_snapshot(ax, result, time_s) is ax
     assert ax.get_title() == f"{time_s:.2f} s: soft, melting"
@@ -355,28 +344,28 @@ def test_a_snapshot_has_the_robot_as_it_is_then_over_its_target() -> None:
 
 
 def test_snapshots_tell_a_plan_from_start_to_end(tmp_path: Path) -> None:
-    figure = plot_snapshots(made("paper-1"), tmp_path / "snapshots.png")
+    figure = plot_snapshots(planned("paper-1"), tmp_path / "snapshots.png")
     titles = [ax.get_title() for ax in figure.axes]
     assert titles[0] == "0.00 s: both rigid"
-    assert titles[-1] == f"{made('paper-1').duration_s:.2f} s: both rigid"
-    assert f"{made('paper-1').phases[-1].start_s:.2f} s: both soft" in titles
+    assert titles[-1] == f"{planned('paper-1').duration_s:.2f} s: both rigid"
+    assert f"{planned('paper-1').phases[-1].start_s:.2f} s: both soft" in titles
     assert np.ptp([ax.get_position().width for ax in figure.axes]) < 1e-6
     assert (tmp_path / "snapshots.png").exists()
-    assert len(plot_snapshots(made("paper-1"), times_s=(0.0, 80.0)).axes) == 2
+    assert len(plot_snapshots(planned("paper-1"), times_s=(0.0, 80.0)).axes) == 2
 
 
 @pytest.mark.parametrize("time_s", [-1.0, 1e4])
 def test_a_moment_outside_the_plan_is_refused(time_s: float) -> None:
     with pytest.raises(InputError, match=r"a time in the plan, 0 to 34\d\.\d+ s"):
-        draw_snapshot(axes_of(), made("paper-1"), time_s)
+        draw_snapshot(axes_of(), planned("paper-1"), time_s)
 
 
 # --- comparison
 
 
 def test_plans_side_by_side_share_one_time_axis_and_are_named() -> None:
-    rivals = [made("paper-1", planner) for planner in ("optimal", "greedy")]
-    figure = plot_comparison({"paper-1": rivals, "move": [made("rigid-move")]})
+    rivals = [planned("paper-1", planner=planner) for planner in ("optimal", "greedy")]
+    figure = plot_comparison({"paper-1": rivals, "move": [planned("rigid-move")]})
     figure.canvas.draw()
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     assert titles[0].startswith(
@@ -385,7 +374,7 @@ def test_plans_side_by_side_share_one_time_axis_and_are_named() -> None:
     assert f"{rivals[1].duration_s:.1f} s: planner greedy, feasible\nno bound proved" in titles[1]
     assert titles[2].startswith("move: [0,0] in")
     assert len({ax.get_xlim() for ax in figure.axes}) == 1
-    for ax, result in zip(figure.axes, [*rivals, made("rigid-move")], strict=True):
+    for ax, result in zip(figure.axes, [*rivals, planned("rigid-move")], strict=True):
         reach = max(patch.get_x() + patch.get_width() for patch in ax.patches)
         assert reach == pytest.approx(result.duration_s)
         assert reach <= ax.get_xlim()[1]
@@ -402,7 +391,7 @@ def test_nothing_cannot_be_compared() -> None:
 
 
 def test_figure_is_written_at_readme_width(tmp_path: Path) -> None:
-    figure = plot_plan(made("shape-change"), tmp_path / "plan.png")
+    figure = plot_plan(planned("shape-change"), tmp_path / "plan.png")
     data = (tmp_path / "plan.png").read_bytes()
     assert data.startswith(b"\x89PNG")
     assert int.from_bytes(data[16:20], "big") == figure.get_figwidth() * DPI == 1600
@@ -411,7 +400,7 @@ def test_figure_is_written_at_readme_width(tmp_path: Path) -> None:
 
 def test_the_ending_chooses_the_format(tmp_path: Path) -> None:
     path = tmp_path / "plan.SVG"
-    plot_plan(made("rigid-move"), str(path))
+    plot_plan(planned("rigid-move"), str(path))
     assert path.read_bytes().startswith(b"<?xml")
 
 
@@ -426,7 +415,7 @@ def test_a_failed_write_leaves_the_old_file(
     target.write_text("old")
     monkeypatch.setattr(Figure, "savefig", half_written)
     with pytest.raises(OSError, match="No space left"):
-        plot_plan(made("rigid-move"), target)
+        plot_plan(planned("rigid-move"), target)
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
 
@@ -434,19 +423,19 @@ def test_a_failed_write_leaves_the_old_file(
 @pytest.mark.parametrize("name", ["plan.docx", "plan"])
 def test_an_unknown_ending_is_refused_with_the_known_ones(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"\.pdf.*\.png.*\.svg") as caught:
-        plot_plan(made("rigid-move"), tmp_path / name)
+        plot_plan(planned("rigid-move"), tmp_path / name)
     assert caught.value.field == "output"
     assert not list(tmp_path.iterdir())
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="folder that exists"):
-        plot_plan(made("rigid-move"), tmp_path / "nowhere" / "plan.png")
+        plot_plan(planned("rigid-move"), tmp_path / "nowhere" / "plan.png")
 
 
 def test_global_settings_are_left_alone() -> None:
     before = dict(mpl.rcParams)
-    plot_plan(made("rigid-move"))
+    plot_plan(planned("rigid-move"))
     assert dict(mpl.rcParams) == before
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Planned
 from matplotlib.figure import Figure
+from once import planned
 
 from twosra_mpc import cli, load_problem
 from twosra_mpc.lab.figures import paper_figures
@@ -96,7 +96,7 @@ def test_both_planners_reach_every_target_when_they_say_so() -> None:
         assert optimal.get_xdata() < greedy.get_xdata()
 
 
-def test_every_published_task_has_start_target_and_path(planned: Planned) -> None:
+def test_every_published_task_has_start_target_and_path() -> None:
     figure = plot_published_tasks()
     for column, task in zip(np.array(figure.axes).reshape(2, -1).T, TASK_COLOURS, strict=True):
         problem = load_problem(task)

@@ -70,11 +70,7 @@ def problem_between(
     return Problem(
         robot=robot,
         start=Start(
-            x_m=start[0],
-            y_m=start[1],
-            phi_rad=start[2],
-            kappa_per_m=start[3:],
-            temperature_C=warm,
+            x_m=start[0], y_m=start[1], phi_rad=start[2], kappa_per_m=start[3:], temperature_C=warm
         ),
         goal=Goal(
             **{"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa, "mode": modes[1]},

@@ -17,7 +17,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
+from once import planned, solved
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Plan, load_robot
@@ -155,7 +156,7 @@ def assert_off(firmware: SimulatedFirmware) -> None:
 
 
 def test_lines_of_poses_close_the_loop_and_bad_ones_among_them_change_nothing(
-    planned: Planned, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     plan = planned("paper-2")
     firmware = SeenByLines(plan, grip=0.8)
@@ -172,7 +173,7 @@ def test_lines_of_poses_close_the_loop_and_bad_ones_among_them_change_nothing(
 
 @pytest.mark.parametrize("push", [(0.5, 0.0, 0.0), (0.0, 0.0, 2.0)])
 def test_a_robot_that_is_not_where_the_plan_starts_is_not_driven(
-    planned: Planned, push: tuple[float, float, float]
+    push: tuple[float, float, float],
 ) -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)
@@ -184,7 +185,7 @@ def test_a_robot_that_is_not_where_the_plan_starts_is_not_driven(
     firmware.close()
 
 
-def test_the_line_is_not_silent_while_the_rest_is_planned_again(planned: Planned) -> None:
+def test_the_line_is_not_silent_while_the_rest_is_planned_again() -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)
     push = np.array([0.0, 0.15, 0.0, 0.0, 0.0])
@@ -206,7 +207,7 @@ BLIND: dict[str, Callable[[bytes], bytes]] = {
 
 
 @pytest.mark.parametrize("kind", BLIND)
-def test_lines_that_turn_bad_stop_the_robot(planned: Planned, kind: str) -> None:
+def test_lines_that_turn_bad_stop_the_robot(kind: str) -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)
     firmware.spoil = lambda t, line: line if t < 3.0 else BLIND[kind](line)
@@ -219,7 +220,7 @@ def test_lines_that_turn_bad_stop_the_robot(planned: Planned, kind: str) -> None
 
 
 @pytest.mark.parametrize("kind", BLIND)
-def test_a_robot_that_nothing_sees_at_first_is_an_error(planned: Planned, kind: str) -> None:
+def test_a_robot_that_nothing_sees_at_first_is_an_error(kind: str) -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)
     firmware.spoil = lambda _t, line: BLIND[kind](line)
@@ -230,7 +231,7 @@ def test_a_robot_that_nothing_sees_at_first_is_an_error(planned: Planned, kind: 
     firmware.close()
 
 
-def test_a_camera_needs_reports(planned: Planned) -> None:
+def test_a_camera_needs_reports() -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)
     with pytest.raises(InputError, match="begins its phases by reports"):
@@ -241,7 +242,7 @@ def test_a_camera_needs_reports(planned: Planned) -> None:
 # --- planning meanwhile --------------------------------------------------------------------------
 
 
-def test_a_robot_is_told_to_stand_while_something_is_computed(planned: Planned) -> None:
+def test_a_robot_is_told_to_stand_while_something_is_computed() -> None:
     plan = planned("rigid-move")
     firmware = SimulatedFirmware(plan)
     enough = threading.Event()
@@ -266,7 +267,7 @@ def test_an_error_of_what_is_computed_comes_through() -> None:
         while_standing(fail, lambda: None)
 
 
-def test_an_interrupt_does_not_wait_for_what_is_computed(planned: Planned) -> None:
+def test_an_interrupt_does_not_wait_for_what_is_computed() -> None:
     plan = planned("rigid-move")
     firmware = SimulatedFirmware(plan)
     firmware.at[5.0] = lambda: os.kill(os.getpid(), signal.SIGINT)
@@ -287,7 +288,7 @@ def test_an_interrupt_does_not_wait_for_what_is_computed(planned: Planned) -> No
 
 @pytest.mark.parametrize("part", ["read", "send", "wait", "find_plan"])
 def test_whatever_raises_the_last_command_is_a_stop(
-    planned: Planned, monkeypatch: pytest.MonkeyPatch, part: str
+    monkeypatch: pytest.MonkeyPatch, part: str
 ) -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)
@@ -311,7 +312,7 @@ def test_whatever_raises_the_last_command_is_a_stop(
     firmware.close()
 
 
-def test_a_stop_that_fails_in_an_unknown_way_is_tried_again(planned: Planned) -> None:
+def test_a_stop_that_fails_in_an_unknown_way_is_tried_again() -> None:
     plan = planned("rigid-move")
     firmware = SimulatedFirmware(plan)
     write, tries = firmware.port.write, list[bytes]()
@@ -333,7 +334,7 @@ def test_a_stop_that_fails_in_an_unknown_way_is_tried_again(planned: Planned) ->
 # --- logs ----------------------------------------------------------------------------------------
 
 
-def test_a_log_is_the_run_and_is_drawn(planned: Planned, tmp_path: Path) -> None:
+def test_a_log_is_the_run_and_is_drawn(tmp_path: Path) -> None:
     plan = planned("paper-2")
     firmware = SimulatedFirmware(plan)
     run = stream(plan, firmware.port, firmware, rate_Hz=5.0, log=tmp_path / "run.json")
@@ -364,7 +365,7 @@ ENDINGS: dict[str, tuple[Callable[[SimulatedFirmware], object], type[BaseExcepti
 
 
 @pytest.mark.parametrize("kind", ENDINGS)
-def test_every_ending_leaves_a_log(planned: Planned, tmp_path: Path, kind: str) -> None:
+def test_every_ending_leaves_a_log(tmp_path: Path, kind: str) -> None:
     happens, error, words = ENDINGS[kind]
     plan, path = planned("paper-2"), tmp_path / "run.json"
     firmware = SimulatedFirmware(plan)
@@ -378,9 +379,7 @@ def test_every_ending_leaves_a_log(planned: Planned, tmp_path: Path, kind: str) 
     firmware.close()
 
 
-def test_a_run_under_way_is_on_the_disk(
-    planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_under_way_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan, path, found = planned("paper-2"), tmp_path / "run.json", list[float]()
     firmware = SimulatedFirmware(plan)
     monkeypatch.setattr(run_log, "SAVED_EVERY_S", 60.0)
@@ -410,7 +409,7 @@ def test_a_run_under_way_is_on_the_disk(
     ],
 )
 def test_a_file_that_is_no_run_is_refused(
-    planned: Planned, tmp_path: Path, change: dict[str, object], words: str
+    tmp_path: Path, change: dict[str, object], words: str
 ) -> None:
     plan, path = planned("rigid-move"), tmp_path / "run.json"
     firmware = SimulatedFirmware(plan)
@@ -424,7 +423,7 @@ def test_a_file_that_is_no_run_is_refused(
 # --- the program ---------------------------------------------------------------------------------
 
 
-def test_the_program_follows_standard_input_and_logs(solved: Solved, tmp_path: Path) -> None:
+def test_the_program_follows_standard_input_and_logs(tmp_path: Path) -> None:
     result = solved("rigid-move")
     result.save(tmp_path / "plan.json")
     start = result.require().problem.start.configuration
@@ -460,7 +459,7 @@ def test_the_program_follows_standard_input_and_logs(solved: Solved, tmp_path: P
     os.close(robot_end)
 
 
-def test_a_camera_that_is_none_is_refused(run: Run, solved: Solved, tmp_path: Path) -> None:
+def test_a_camera_that_is_none_is_refused(run: Run, tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")
     line, robot_end = os.openpty()
     at = ("stream", tmp_path / "plan.json", "--port", os.ttyname(robot_end))

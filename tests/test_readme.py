@@ -6,10 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
-from conftest import Solved
+from once import solved
 from test_docs import COMMANDS
 
-from twosra_mpc import load_problem, plan
 from twosra_mpc.robot.modes import mode_name
 
 ROOT = Path(__file__).parent.parent
@@ -43,12 +42,12 @@ def test_the_scenario_is_planned(tmp_path: Path) -> None:
     (scenario,) = blocks("toml")
     path = tmp_path / "mine.toml"
     path.write_text(scenario)
-    assert plan(load_problem(path)).found
+    assert solved(path).found
 
 
 @pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize("name", [f"paper-{n}" for n in range(1, 6)])
-def test_the_table_says_what_comes_out(name: str, exact: bool, solved: Solved) -> None:
+def test_the_table_says_what_comes_out(name: str, exact: bool) -> None:
     text = MEASUREMENTS if exact else README
     row = next(line for line in text.splitlines() if line.startswith(f"| {name} "))
     _, _, greedy_modes, greedy_time, modes, fastest, gentle, _ = map(str.strip, row.split("|"))

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Planned, Run
+from conftest import Run
+from once import planned
 
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
@@ -113,7 +114,7 @@ def test_lost_frames_are_filled_in(tmp_path: Path) -> None:
 # --- replay --------------------------------------------------------------------------------------
 
 
-def test_a_plan_driven_as_planned_is_predicted_to_the_end(tmp_path: Path, planned: Planned) -> None:
+def test_a_plan_driven_as_planned_is_predicted_to_the_end(tmp_path: Path) -> None:
     made = planned("paper-1")
     save_authors_csv(made, tmp_path / "plan.csv")
     phases = replay(read_motion_log(tmp_path / "plan.csv", made.robot), made.robot)

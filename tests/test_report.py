@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Run, Solved
+from conftest import Run
 from matplotlib.figure import Figure
+from once import solved
 
 from twosra_mpc import (
     Goal,
@@ -70,7 +71,7 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def paper(solved: Solved) -> Result:
+def paper() -> Result:
     return solved("paper-1")
 
 
@@ -279,13 +280,13 @@ def test_the_bound_names_the_restrictions_it_holds_for(paper: Result) -> None:
     assert "kept warm" not in said()
 
 
-def test_the_bound_of_a_mission_names_its_touches_and_phases(solved: Solved) -> None:
+def test_the_bound_of_a_mission_names_its_touches_and_phases() -> None:
     said = " ".join(words.bound_sentences(solved("pick-and-place")))
     assert "the touches that were considered" in said
     assert "longer than the 5 phases a task that were searched" in said
 
 
-def test_without_a_bound_nothing_is_claimed(solved: Solved) -> None:
+def test_without_a_bound_nothing_is_claimed() -> None:
     greedy = solved("paper-1", planner="greedy")
     assert list(words.bound_sentences(greedy)) == []
     text = report_page(greedy)
@@ -349,7 +350,7 @@ def test_a_motion_that_does_not_verify_is_shown_with_a_warning(paper: Result) ->
     assert "This plan costs" not in text
 
 
-def test_a_robot_that_is_there_already_has_a_report(solved: Solved) -> None:
+def test_a_robot_that_is_there_already_has_a_report() -> None:
     start = solved("paper-1").problem.start
     rest = solved("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
     text = report_page(rest)

@@ -13,13 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from once import solved
 from selenium.webdriver import ActionChains, Chrome, ChromeOptions
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from twosra_mpc import Goal, Plan, Result, Status, load_plan, load_problem
+from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
 from twosra_mpc.lab.paper.claims import Claim, Verdict, equal
 from twosra_mpc.lab.paper.paper_page import paper_page
 from twosra_mpc.lab.paper.section import Picture, Section, Table
@@ -27,7 +28,6 @@ from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import page, player, write_report
 
-Solved = Callable[..., Result]
 HOSTILE = (
     "</script><script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"
 )
@@ -63,7 +63,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def paper(solved: Solved, folder: Path) -> Plan:
+def paper(folder: Path) -> Plan:
     """The plan of paper-1; its report is written as paper.html."""
     found = solved("paper-1")
     write_report(found, folder / "paper.html")
@@ -142,9 +142,7 @@ def test_no_request_leaves_the_page(report: Chrome) -> None:
     assert kinds <= {"file", "data", "blob"}
 
 
-def test_the_plan_file_can_be_saved_from_the_page(
-    report: Chrome, solved: Solved, tmp_path: Path
-) -> None:
+def test_the_plan_file_can_be_saved_from_the_page(report: Chrome, tmp_path: Path) -> None:
     allow = {"behavior": "allow", "downloadPath": str(tmp_path)}
     report.execute_cdp_cmd("Browser.setDownloadBehavior", allow)
     one(report, "#save").click()
@@ -308,7 +306,7 @@ def test_every_control_has_a_name(report: Chrome) -> None:
 
 
 def test_hostile_names_stay_text(
-    browser: Chrome, solved: Solved, folder: Path, monkeypatch: pytest.MonkeyPatch
+    browser: Chrome, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = solved("paper-1")
     robot = result.problem.robot.with_values(name=HOSTILE)
@@ -322,11 +320,7 @@ def test_hostile_names_stay_text(
 
 
 def test_pages_without_motion_work_too(
-    browser: Chrome,
-    solved: Solved,
-    paper: Plan,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    browser: Chrome, paper: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
     start = paper.problem.start

@@ -10,16 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
+from once import planned, solved
 
-from twosra_mpc import InputError, Result, load_plan, load_problem, plan
+from twosra_mpc import InputError, Result, load_plan
 from twosra_mpc.checking.plan_file import check_plan, refined
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 
 
 @pytest.fixture
-def run(run: Run, solved: Solved) -> Run:
+def run(run: Run) -> Run:
     """Run ``twosra resample``, in a folder with ``plan.json``."""
     solved("shape-change").save("plan.json")
     return partial(run, "resample")
@@ -32,7 +33,7 @@ def test_a_refined_plan_passes_every_check(any_result: Result, tmp_path: Path) -
     assert found.ok, found.problems
 
 
-def test_a_refined_plan_has_the_plan_s_samples_and_the_regular_ones(planned: Planned) -> None:
+def test_a_refined_plan_has_the_plan_s_samples_and_the_regular_ones() -> None:
     given = planned("paper-1")
     dense, samples = refined(given, 2.0).samples, given.samples
     kept = np.isin(dense.t_s, samples.t_s)
@@ -48,7 +49,7 @@ def test_a_refined_plan_has_the_plan_s_samples_and_the_regular_ones(planned: Pla
     assert np.diff(dense.t_s).max() <= 0.5 + 2 * SAME_TIME_S
 
 
-def test_refining_keeps_everything_but_samples_and_verification(planned: Planned) -> None:
+def test_refining_keeps_everything_but_samples_and_verification() -> None:
     given = planned("paper-1")
     before, after = given.to_dict(), refined(given, 1.0).to_dict()
     for key in before.keys() - {"samples", "verification", "cost"}:
@@ -57,11 +58,11 @@ def test_refining_keeps_everything_but_samples_and_verification(planned: Planned
 
 
 def test_a_plan_that_rests_has_one_sample() -> None:
-    resting = plan(load_problem("rigid-move", goal={"x_m": 0.0})).require()
+    resting = planned("rigid-move", goal={"x_m": 0.0})
     assert len(refined(resting, 10.0).samples) == 1
 
 
-def test_a_rate_that_is_too_high_is_refused(planned: Planned) -> None:
+def test_a_rate_that_is_too_high_is_refused() -> None:
     with pytest.raises(InputError, match="at most 1000 Hz"):
         refined(planned("paper-1"), 1e4)
 
@@ -69,9 +70,7 @@ def test_a_rate_that_is_too_high_is_refused(planned: Planned) -> None:
 # --- program -------------------------------------------------------------------------------------
 
 
-def test_csv_has_one_row_a_tick_and_where_phases_begin_and_end(
-    run: Run, tmp_path: Path, planned: Planned
-) -> None:
+def test_csv_has_one_row_a_tick_and_where_phases_begin_and_end(run: Run, tmp_path: Path) -> None:
     code, out, err = run("plan.json", "a.csv", "--rate", 10)
     assert (code, err) == (0, "")
     assert "rate_Hz 10.0" in out
@@ -85,7 +84,7 @@ def test_csv_has_one_row_a_tick_and_where_phases_begin_and_end(
     assert times == pytest.approx(np.unique([*regular, *ends, given.duration_s]))
 
 
-def test_json_stays_a_plan(run: Run, tmp_path: Path, planned: Planned) -> None:
+def test_json_stays_a_plan(run: Run, tmp_path: Path) -> None:
     code, out, err = run("plan.json", "dense.json", "--rate", 4, "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["file"] == "dense.json"
@@ -118,7 +117,7 @@ def test_bad_input_is_named_and_nothing_is_written(
 
 def test_a_file_without_a_plan_has_nothing_to_resample(run: Run, tmp_path: Path) -> None:
     goal = {"kappa_per_m": (20.0, -10.0)}
-    stuck = plan(load_problem("shape-change", goal=goal, modes=((0, 0), (1, 1))))
+    stuck = solved("shape-change", goal=goal, modes=((0, 0), (1, 1)))
     stuck.save("stuck.json")
     code, out, err = run("stuck.json", "a.csv", "--rate", 1)
     assert (code, out) == (3, "")

@@ -11,9 +11,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from conftest import Planned, Run
+from conftest import Run
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from once import planned
 
 from twosra_mpc import InputError, Plan, load_robot
 from twosra_mpc.export.robot_chain import angles, joints, urdf
@@ -36,7 +37,7 @@ def read(path: Path) -> Messages:
 
 
 @pytest.fixture(scope="module")
-def bag(planned: Planned, tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Messages]:
+def bag(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Messages]:
     plan, path = planned("paper-1"), tmp_path_factory.mktemp("bag") / "bag.mcap"
     save_ros2_bag(plan, path)
     return plan, read(path)
@@ -177,7 +178,7 @@ def test_the_bag_is_the_plan_to_its_end(bag: tuple[Plan, Messages]) -> None:
         assert list(told[last][1].data) == mode.tolist()
 
 
-def test_who_comes_late_gets_what_is_latched(planned: Planned, tmp_path: Path) -> None:
+def test_who_comes_late_gets_what_is_latched(tmp_path: Path) -> None:
     """In the numbers of rmw: durability 1 is transient local, 2 volatile."""
     save_ros2_bag(planned("paper-2"), tmp_path / "bag.mcap")
     with (tmp_path / "bag.mcap").open("rb") as stream:
@@ -202,7 +203,7 @@ def test_the_command_writes_a_bag(run: Run, tmp_path: Path) -> None:
 
 
 def test_without_the_extra_it_says_what_to_install(
-    planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "mcap_ros2", None)
     with pytest.raises(InputError, match="mcap-ros2-support"):

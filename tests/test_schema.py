@@ -10,19 +10,11 @@ from importlib.resources import files
 from typing import Any, get_args
 
 import pytest
-from conftest import Solved
 from jsonschema import Draft7Validator
+from once import solved
 from test_problem import ROBOT, SCENARIO, changed, without
 
-from twosra_mpc import (
-    InputError,
-    Result,
-    cli,
-    load_problem,
-    plan,
-    robot_names,
-    scenario_names,
-)
+from twosra_mpc import InputError, Result, cli, robot_names, scenario_names
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.document import PlanDocument
 from twosra_mpc.problem.problem import Problem
@@ -78,7 +70,7 @@ def test_every_saved_plan_fits(any_result: Result) -> None:
 
 
 def test_a_file_without_a_plan_fits() -> None:
-    found = plan(load_problem("paper-1", work_limit=1e-9))
+    found = solved("paper-1", work_limit=1e-9)
     VALIDATORS["plan"].validate(json.loads(json.dumps(found.to_dict())))
 
 
@@ -186,7 +178,7 @@ WRONG_PLANS: list[tuple[str, object]] = [
 
 
 @pytest.mark.parametrize(("key", "value"), WRONG_PLANS)
-def test_a_wrong_plan_does_not_fit(key: str, value: object, solved: Solved) -> None:
+def test_a_wrong_plan_does_not_fit(key: str, value: object) -> None:
     document = json.loads(json.dumps(solved("paper-1").to_dict()))
     assert not VALIDATORS["plan"].is_valid(changed(document, key, value))
 
@@ -195,7 +187,7 @@ REQUIRED = [key for key, field in PlanDocument.model_fields.items() if field.is_
 
 
 @pytest.mark.parametrize("key", REQUIRED)
-def test_a_plan_needs_all_its_keys(key: str, solved: Solved) -> None:
+def test_a_plan_needs_all_its_keys(key: str) -> None:
     document = solved("paper-1").to_dict()
     del document[key]
     assert not VALIDATORS["plan"].is_valid(json.loads(json.dumps(document)))

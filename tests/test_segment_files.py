@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Solved
 from jsonschema import Draft7Validator
+from once import solved
 from test_other_segments import problem_of, robot_of
 
 from twosra_mpc import InputError, Result, json_schema, load_plan, plan, save_setpoints
@@ -19,7 +19,7 @@ from twosra_mpc.checking.plan_file import check_plan, refined
 
 
 @pytest.fixture(scope="module", params=[1, 3])
-def result(request: pytest.FixtureRequest, solved: Solved) -> Result:
+def result(request: pytest.FixtureRequest) -> Result:
     if request.param == 3:
         return solved("three-segments")
     robot = robot_of(0.04).with_values(name="of one segment")

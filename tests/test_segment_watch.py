@@ -74,18 +74,8 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
     ("weak", rows(SOFT_C, lambda t: min(25 + t, 60.0) + noise(t), "changing", 2000), "heater", 150),
     ("jump", rows(OFF_C, lambda t: 40 + noise(t) + 9 * (t > 20), "rigid", 60), "sensor", 30),
     ("drift", rows(OFF_C, lambda t: 25 - 0.5 * t + noise(t), "rigid", 60), "sensor", 30),
-    (
-        "shows too much",
-        rows(SOFT_C, lambda t: 66.2 + noise(t), "soft", 99),
-        "sensor",
-        60,
-    ),
-    (
-        "latched",
-        ((OFF_C, 40.0 - 0.01 * k, "changing", True) for k in range(2000)),
-        "fault",
-        6,
-    ),
+    ("shows too much", rows(SOFT_C, lambda t: 66.2 + noise(t), "soft", 99), "sensor", 60),
+    ("latched", ((OFF_C, 40.0 - 0.01 * k, "changing", True) for k in range(2000)), "fault", 6),
 ]
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from conftest import Planned
 from numpy.typing import NDArray
+from once import planned
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Plan
@@ -55,9 +55,7 @@ def made() -> Iterator[list[SeenFirmware]]:
         each.close()
 
 
-def test_tracker_and_replanning_drive_it_to_its_goal(
-    planned: Planned, made: list[SeenFirmware]
-) -> None:
+def test_tracker_and_replanning_drive_it_to_its_goal(made: list[SeenFirmware]) -> None:
     plan = planned("paper-2", robot=ARC)
     made.append(SeenFirmware(plan, grip=0.8))
     with connected(plan.problem, made[0].port, made[0], poses=made[0]) as robot:
@@ -75,7 +73,7 @@ def test_tracker_and_replanning_drive_it_to_its_goal(
 
 @pytest.mark.parametrize("seen_until_s", [-1.0, 66.0])
 def test_a_robot_that_nothing_sees_is_not_tracked(
-    planned: Planned, made: list[SeenFirmware], seen_until_s: float
+    made: list[SeenFirmware], seen_until_s: float
 ) -> None:
     plan = planned("paper-2", robot=ARC)
     made.append(SeenFirmware(plan, seen_until_s=seen_until_s))
@@ -91,7 +89,7 @@ def test_a_robot_that_nothing_sees_is_not_tracked(
 
 
 def test_wheels_do_not_turn_while_the_rest_is_planned(
-    planned: Planned, made: list[SeenFirmware], monkeypatch: pytest.MonkeyPatch
+    made: list[SeenFirmware], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = planned("paper-2", robot=ARC)
     made.append(SeenFirmware(plan))
@@ -111,9 +109,7 @@ def test_wheels_do_not_turn_while_the_rest_is_planned(
     assert "planning was tried" in run.reason
 
 
-def test_a_robot_that_gets_too_hot_is_switched_off(
-    planned: Planned, made: list[SeenFirmware]
-) -> None:
+def test_a_robot_that_gets_too_hot_is_switched_off(made: list[SeenFirmware]) -> None:
     plan = planned("paper-2", robot=ARC)
     made.append(SeenFirmware(plan))
     made[0].reports = lambda t, j, T: b"%c%.1f\n" % (65 + j, T if t < 50 else 90)

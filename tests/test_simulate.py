@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Run, Simulated
+from conftest import Run
 from matplotlib import rcParams
+from once import simulated
 from PIL import Image
 
 from twosra_mpc import load_problem
@@ -39,13 +40,13 @@ def run(run: Run) -> Run:
 
 
 @pytest.fixture(scope="module")
-def done(simulated: Simulated) -> Simulation:
+def done() -> Simulation:
     """A disturbed run with melts, freezes and a correction."""
     return simulated("paper-2", 2)
 
 
 @pytest.fixture(scope="module")
-def replanned(simulated: Simulated) -> Simulation:
+def replanned() -> Simulation:
     """A run that was planned again."""
     found = simulated("paper-1", 4)
     assert found.run.replans == 1

@@ -23,11 +23,7 @@ from twosra_mpc.space.minkowski import (
     turned,
 )
 from twosra_mpc.space.possible import Region, components_in
-from twosra_mpc.space.slices import (
-    FreeSlices,
-    certified_slices,
-    possible_slices,
-)
+from twosra_mpc.space.slices import FreeSlices, certified_slices, possible_slices
 
 SHAPES = (STRAIGHT, (30.0, 30.0), (40.0, -25.0), (-60.0, 20.0))
 

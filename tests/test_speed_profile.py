@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from once import planned, solved
 from problems import ROBOT, at_once, bound_of, exactly, network_of, random_problem
 from scipy.optimize import linprog
 
@@ -93,7 +94,7 @@ def test_a_bend_takes_its_bound_and_little_more(
     [("paper-1", "fastest"), ("move-and-shape", "gentle"), ("three-segments", "fastest")],
 )
 def test_limits_hold_and_no_wheel_jumps_at_any_instant(name: str, motion: str) -> None:
-    made = plan(load_problem(name, motion=motion)).require()
+    made = planned(name, motion=motion)
     assert made.status is Status.OPTIMAL
     for phase in made.phases:
         t = np.linspace(phase.start_s, phase.end_s, 801)
@@ -303,7 +304,7 @@ def test_ctrl_c_while_a_plan_is_made_gentle_keeps_the_plan(monkeypatch: pytest.M
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    quick = plan(load_problem("paper-2", motion="fastest"))
+    quick = solved("paper-2", motion="fastest")
     monkeypatch.setattr(conclusion, "gentle", interrupted)
     kept = planner_module.plan_until_interrupted(load_problem("paper-2"))
     assert kept.ending is Ending.INTERRUPTED

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from conftest import Planned
+from once import planned
 from problems import ROBOT
 from simulated_firmware import SimulatedFirmware
 
@@ -72,7 +72,7 @@ def assert_off(firmware: SimulatedFirmware) -> None:
 @pytest.mark.parametrize("rate_Hz", [3.0, 15.0, 120.0])
 @pytest.mark.parametrize("scenario", ["paper-1", "paper-2"])
 def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
-    planned: Planned, scenario: str, rate_Hz: float
+    scenario: str, rate_Hz: float
 ) -> None:
     plan = planned(scenario)
     for phase in plan.phases:
@@ -96,7 +96,7 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 
 @pytest.mark.parametrize("scenario", ["paper-2", "three-segments"])
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
-    planned: Planned, connect: Connected, scenario: str
+    connect: Connected, scenario: str
 ) -> None:
     plan = planned(scenario, robot=regulating(load_problem(scenario).robot))
     firmware = connect(plan)
@@ -113,9 +113,7 @@ def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
     assert_off(firmware)
 
 
-def test_without_reports_everything_happens_at_the_plans_times(
-    planned: Planned, connect: Connected
-) -> None:
+def test_without_reports_everything_happens_at_the_plans_times(connect: Connected) -> None:
     plan = planned("paper-2", transition_quantile=0.9)
     firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
     drives = send(plan, firmware, confirm=Confirm.NEVER)
@@ -171,7 +169,7 @@ def test_a_heater_holds_by_pulses_unless_the_firmware_is_known_to_regulate() -> 
     assert not pulsed.switched(False, 601.0)
 
 
-def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports(planned: Planned) -> None:
+def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports() -> None:
     port = FailingPort(0, -1)
     with pytest.raises(InputError, match="transition_quantile") as caught:
         stream(planned("paper-2"), port, SteppedClock(), confirm=Confirm.NEVER)
@@ -179,14 +177,14 @@ def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports(planned
     assert not port.tries
 
 
-def test_reports_that_do_not_change_are_reports(planned: Planned, connect: Connected) -> None:
+def test_reports_that_do_not_change_are_reports(connect: Connected) -> None:
     plan = planned("rigid-move")
     firmware = connect(plan, reports=lambda _t, j, _temperature: b"%c24.9\n" % (65 + j))
     assert send(plan, firmware, patience=Patience(silent_s=1.0))
 
 
 def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing(
-    planned: Planned, connect: Connected
+    connect: Connected,
 ) -> None:
     plan, lines = planned("paper-2"), iter(range(10**6))
 
@@ -206,9 +204,7 @@ def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing
     assert_off(firmware)
 
 
-def test_a_slow_computer_does_not_turn_the_wheels_further(
-    planned: Planned, connect: Connected
-) -> None:
+def test_a_slow_computer_does_not_turn_the_wheels_further(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan)
 
@@ -221,7 +217,7 @@ def test_a_slow_computer_does_not_turn_the_wheels_further(
         assert abs(drive.end_s - drive.start_s - periods / RATE_HZ) < 1e-3
 
 
-def test_the_number_of_the_robot_ends_each_command(planned: Planned, connect: Connected) -> None:
+def test_the_number_of_the_robot_ends_each_command(connect: Connected) -> None:
     plan = planned("rigid-move", robot=ROBOT.with_values(robot_id=12))
     firmware = connect(plan, numbers=1)
     send(plan, firmware)
@@ -229,7 +225,7 @@ def test_the_number_of_the_robot_ends_each_command(planned: Planned, connect: Co
     assert_off(firmware)
 
 
-def test_a_standing_robot_is_told_again_once_a_second(planned: Planned, connect: Connected) -> None:
+def test_a_standing_robot_is_told_again_once_a_second(connect: Connected) -> None:
     plan = planned("paper-2", transition_quantile=0.9)
     firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
     send(plan, firmware, confirm=Confirm.NEVER, rate_Hz=SLOW_HZ)
@@ -237,7 +233,7 @@ def test_a_standing_robot_is_told_again_once_a_second(planned: Planned, connect:
     assert 0.9 < np.diff(times).max() < 1.1  # the keep-alive: at most 1.3 s
 
 
-def test_the_state_is_told_in_words(planned: Planned, connect: Connected) -> None:
+def test_the_state_is_told_in_words(connect: Connected) -> None:
     plan, states = planned("paper-2"), list[StreamState]()
     send(plan, connect(plan), on_state=states.append, rate_Hz=SLOW_HZ)
     told = list(dict.fromkeys(state.during for state in states))
@@ -259,7 +255,7 @@ def test_the_state_is_told_in_words(planned: Planned, connect: Connected) -> Non
 )
 @pytest.mark.parametrize("when_s", [0.4, 2.0, 40.0])
 def test_a_signal_stops_the_robot_however_often_it_comes(
-    planned: Planned, connect: Connected, number: signal.Signals, when_s: float
+    connect: Connected, number: signal.Signals, when_s: float
 ) -> None:
     plan, before = planned("paper-2"), signal.getsignal(number)
     firmware = connect(plan)
@@ -272,7 +268,7 @@ def test_a_signal_stops_the_robot_however_often_it_comes(
     assert signal.getsignal(number) == before
 
 
-def test_an_error_of_the_caller_stops_the_robot(planned: Planned, connect: Connected) -> None:
+def test_an_error_of_the_caller_stops_the_robot(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan)
 
@@ -286,9 +282,7 @@ def test_an_error_of_the_caller_stops_the_robot(planned: Planned, connect: Conne
 
 
 @pytest.mark.parametrize("rubbish", [b"", b"~\x00\n"])
-def test_firmware_that_falls_silent_is_an_error(
-    planned: Planned, connect: Connected, rubbish: bytes
-) -> None:
+def test_firmware_that_falls_silent_is_an_error(connect: Connected, rubbish: bytes) -> None:
     plan = planned("paper-2")
 
     def until_30(time_s: float, segment: int, temperature_C: float) -> bytes:
@@ -302,7 +296,7 @@ def test_firmware_that_falls_silent_is_an_error(
     assert_off(firmware)
 
 
-def test_one_segment_that_does_not_report_is_an_error(planned: Planned, connect: Connected) -> None:
+def test_one_segment_that_does_not_report_is_an_error(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan, reports=lambda _t, j, T: b"A%.1f\n" % T if j == 0 else b"")
     with pytest.raises(StreamError, match="segment 2 does not report"):
@@ -311,9 +305,7 @@ def test_one_segment_that_does_not_report_is_an_error(planned: Planned, connect:
     assert_off(firmware)
 
 
-def test_required_reports_that_do_not_come_are_an_error(
-    planned: Planned, connect: Connected
-) -> None:
+def test_required_reports_that_do_not_come_are_an_error(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
     with pytest.raises(StreamError, match="no temperature report within 5 s"):
@@ -322,7 +314,7 @@ def test_required_reports_that_do_not_come_are_an_error(
     assert_off(firmware)
 
 
-def test_a_heater_that_does_not_heat_is_an_error(planned: Planned, connect: Connected) -> None:
+def test_a_heater_that_does_not_heat_is_an_error(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan, broken_heaters=(0,))
     with pytest.raises(StreamError, match="segment 1: heating does not warm it"):
@@ -331,7 +323,7 @@ def test_a_heater_that_does_not_heat_is_an_error(planned: Planned, connect: Conn
     assert_off(firmware)
 
 
-def test_a_segment_that_is_too_hot_is_an_error(planned: Planned, connect: Connected) -> None:
+def test_a_segment_that_is_too_hot_is_an_error(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan, reports=lambda t, j, T: b"%c%.1f\n" % (65 + j, T if t < 50 else 90))
     with pytest.raises(StreamError, match="segment 1: too hot, 90"):
@@ -339,9 +331,7 @@ def test_a_segment_that_is_too_hot_is_an_error(planned: Planned, connect: Connec
     assert_off(firmware)
 
 
-def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(
-    planned: Planned, connect: Connected
-) -> None:
+def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(connect: Connected) -> None:
     plan = planned("paper-2", robot=LONG_MELTS)
     firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
     with pytest.raises(
@@ -354,9 +344,7 @@ def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(
 
 
 @pytest.mark.parametrize("late", [1.5, 3.0])
-def test_a_mode_is_waited_for_as_long_as_the_patience_says(
-    planned: Planned, connect: Connected, late: float
-) -> None:
+def test_a_mode_is_waited_for_as_long_as_the_patience_says(connect: Connected, late: float) -> None:
     plan = planned("paper-2", robot=LONG_MELTS)
     firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
     with pytest.raises(StreamError, match="segment 1 changing") as caught:
@@ -367,9 +355,7 @@ def test_a_mode_is_waited_for_as_long_as_the_patience_says(
     assert waited_s == pytest.approx(late * (melt.done_s - melt.heater_s), abs=2.0)
 
 
-def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(
-    planned: Planned, connect: Connected
-) -> None:
+def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(connect: Connected) -> None:
     limits = ROBOT.limits.with_values(unit_speed_m_s=0.003)
     plan = planned("paper-2", robot=ROBOT.with_values(limits=limits))
     firmware = connect(plan)
@@ -399,7 +385,7 @@ def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(
     [(0.4, "before the plan began"), (2.0, "in phase 1 of 2"), (30.0, "waiting for phase 2 of 2")],
 )
 def test_a_dead_line_is_an_error_that_tells_when_and_to_switch_off(
-    planned: Planned, connect: Connected, when_s: float, during: str
+    connect: Connected, when_s: float, during: str
 ) -> None:
     plan = planned("paper-2")
     firmware = connect(plan)
@@ -433,7 +419,7 @@ class FailingPort:
     ("last", "words"), [(10, "the robot was told to stop"), (math.inf, "could NOT be told to stop")]
 )
 def test_a_line_that_fails_once_carries_the_stop_and_a_dead_one_is_told_even_of_an_interrupt(
-    planned: Planned, last: float, words: str
+    last: float, words: str
 ) -> None:
     plan, port = planned("paper-2", transition_quantile=0.9), FailingPort(10, last)
     with pytest.raises(StreamError, match=f"cannot write; .*{words}"):
@@ -442,7 +428,7 @@ def test_a_line_that_fails_once_carries_the_stop_and_a_dead_one_is_told_even_of_
     assert port.sent[9:] == ([stop_command(2)] * STOPS if last == 10 else [])
 
 
-def test_an_interrupt_while_the_robot_is_being_stopped_changes_nothing(planned: Planned) -> None:
+def test_an_interrupt_while_the_robot_is_being_stopped_changes_nothing() -> None:
     plan, clock, port = planned("rigid-move"), SteppedClock(), FailingPort(0, -1)
     write = port.write
 
@@ -456,7 +442,7 @@ def test_an_interrupt_while_the_robot_is_being_stopped_changes_nothing(planned: 
     assert port.sent[-STOPS:] == [stop_command(2)] * STOPS
 
 
-def test_outside_of_the_main_thread_signals_are_left_alone(planned: Planned) -> None:
+def test_outside_of_the_main_thread_signals_are_left_alone() -> None:
     plan, port = planned("rigid-move"), FailingPort(0, -1)
     worker = threading.Thread(
         target=stream, args=(plan, port, SteppedClock()), kwargs={"confirm": Confirm.NEVER}
@@ -466,9 +452,7 @@ def test_outside_of_the_main_thread_signals_are_left_alone(planned: Planned) -> 
     assert port.sent[-STOPS:] == [stop_command(2)] * STOPS
 
 
-def test_a_computer_that_is_held_up_while_driving_is_an_error(
-    planned: Planned, connect: Connected
-) -> None:
+def test_a_computer_that_is_held_up_while_driving_is_an_error(connect: Connected) -> None:
     plan = planned("paper-2")
     firmware = connect(plan)
     firmware.at[2.0] = lambda: firmware.sleep(3.0)
@@ -490,7 +474,7 @@ class Untouched:
         raise AssertionError
 
 
-def test_a_plan_that_does_not_verify_is_refused(planned: Planned) -> None:
+def test_a_plan_that_does_not_verify_is_refused() -> None:
     from dataclasses import replace
 
     plan = planned("paper-2")
@@ -505,7 +489,7 @@ def test_a_plan_that_does_not_verify_is_refused(planned: Planned) -> None:
 
 
 @pytest.mark.parametrize("rate_Hz", [0.0, 0.5, 201.0, float("nan"), float("inf")])
-def test_a_rate_that_the_line_does_not_carry_is_refused(planned: Planned, rate_Hz: float) -> None:
+def test_a_rate_that_the_line_does_not_carry_is_refused(rate_Hz: float) -> None:
     with pytest.raises(InputError, match="from 1 to 200 Hz"):
         stream(planned("paper-2"), Untouched(), SystemClock(), rate_Hz=rate_Hz)
 

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
+from once import planned, solved
 from test_forged_plans import as_file, kept_warm
 
 from twosra_mpc.execution.serial import port as port_module
@@ -38,7 +39,7 @@ STOP = stop_command(2)
 
 
 @pytest.fixture(scope="module")
-def saved(solved: Solved, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan file."""
     path = tmp_path_factory.mktemp("stream") / "plan.json"
     solved("paper-2", transition_quantile=0.9).save(path)
@@ -131,7 +132,7 @@ def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
 # --- the program ---------------------------------------------------------------------------------
 
 
-def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planned) -> None:
+def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path) -> None:
     plan = planned("paper-2", transition_quantile=0.9)
     outcome = run("stream", saved, "--dry-run", "--rate", "20")
     assert (outcome.code, outcome.err) == (0, "")
@@ -171,10 +172,7 @@ def test_a_plan_is_sent_with_the_real_clock_and_sigterm_stops_the_robot(
 
 
 def test_a_missing_answer_is_told_with_the_exit_code(
-    run: Run,
-    saved: Path,
-    terminal: Terminal,
-    monkeypatch: pytest.MonkeyPatch,
+    run: Run, saved: Path, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hasty = functools.partial(stream, patience=Patience(listen_s=0.2))
     monkeypatch.setattr("twosra_mpc.cli.stream_command.stream", hasty)
@@ -198,10 +196,7 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     ],
 )
 def test_bad_input_is_refused(
-    run: Run,
-    saved: Path,
-    arguments: tuple[str, ...],
-    words: str,
+    run: Run, saved: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     outcome = run("stream", saved, *arguments)
     assert (outcome.code, outcome.out) == (2, "")
@@ -215,9 +210,7 @@ def test_a_plan_that_keeps_a_segment_warm_is_refused(run: Run, tmp_path: Path) -
     assert "the firmware can heat a segment or not, but not keep it warm" in outcome.err
 
 
-def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
-    run: Run, solved: Solved, tmp_path: Path
-) -> None:
+def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(run: Run, tmp_path: Path) -> None:
     solved("rigid-move", robot="2sra-v1-paper").save(tmp_path / "p.json")
     refused = run("stream", tmp_path / "p.json", "--dry-run")
     assert (refused.code, refused.out) == (2, "")
@@ -227,11 +220,7 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
     assert (accepted.code, accepted.err) == (0, "")
 
 
-def test_a_plan_that_was_not_found_is_refused(
-    run: Run,
-    solved: Solved,
-    tmp_path: Path,
-) -> None:
+def test_a_plan_that_was_not_found_is_refused(run: Run, tmp_path: Path) -> None:
     from dataclasses import replace
 
     from twosra_mpc import Status
@@ -244,9 +233,7 @@ def test_a_plan_that_was_not_found_is_refused(
 
 
 def test_without_pyserial_the_error_says_how_to_install_it(
-    run: Run,
-    saved: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    run: Run, saved: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
     outcome = run("stream", saved, "--port", "/dev/ttyUSB0")
@@ -269,10 +256,7 @@ def test_errors_survive_pickling() -> None:
 
 
 def test_a_port_is_closed_even_if_nothing_could_be_sent(
-    run: Run,
-    saved: Path,
-    terminal: Terminal,
-    monkeypatch: pytest.MonkeyPatch,
+    run: Run, saved: Path, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     closed: list[SerialPort] = []
     close = SerialPort.close

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from once import planned, solved
 from problems import at_once
 from test_verification import Case, assert_found, case_of
 from thermal_problems import V1, V2
@@ -91,7 +91,7 @@ def test_a_warmer_start_never_makes_the_papers_robot_slower(name: str) -> None:
     start = load_problem(name).start.model_dump()
     ends = []
     for warm in (10.0, 25.0, 45.0, 60.0):
-        result = plan(load_problem(name, start={**start, "temperature_C": (warm, warm)})).require()
+        result = planned(name, start={**start, "temperature_C": (warm, warm)})
         ends.append(result.duration_s)
     assert ends == sorted(ends, reverse=True)
     assert ends[1] - ends[3] > 20.0
@@ -101,7 +101,7 @@ def test_a_warmer_start_never_makes_the_papers_robot_slower(name: str) -> None:
 def test_in_colder_air_melts_take_longer_and_freezes_less(robot: Any) -> None:
     spans = []
     for ambient in (5.0, 15.0, 25.0, 35.0):
-        result = plan(load_problem("shape-change", robot=robot, goal=GOAL, ambient_C=ambient))
+        result = solved("shape-change", robot=robot, goal=GOAL, ambient_C=ambient)
         spans.append([item.done_s - item.heater_s for item in result.require().transitions])
     melts, freezes = zip(*spans, strict=True)
     assert list(melts) == sorted(melts, reverse=True)
@@ -117,7 +117,7 @@ GOAL = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (12.0, 0.0)}
 
 
 @pytest.fixture(scope="module", params=[None, 0.9], ids=["exact", "window"])
-def case(request: pytest.FixtureRequest, planned: Planned) -> Case:
+def case(request: pytest.FixtureRequest) -> Case:
     """The plan of paper-1, [0,0] > [1,0] > [1,1], with and without windows."""
     found: Plan = planned("paper-1", transition_quantile=request.param)
     return case_of(found)
@@ -272,7 +272,7 @@ def test_what_was_tampered_with_is_named(case: Case, how: str) -> None:
     sign=st.sampled_from([-1.0, 1.0]),
 )
 def test_a_thermal_transition_moved_alone_is_found(
-    planned: Planned, i: int, name: str, by: float, sign: float
+    i: int, name: str, by: float, sign: float
 ) -> None:
     case = case_of(planned("paper-1"))
     item = case.transitions[i]
@@ -281,7 +281,7 @@ def test_a_thermal_transition_moved_alone_is_found(
     assert not replace(case, transitions=transitions).check().ok
 
 
-def test_two_heaters_on_at_once_are_named_where_one_is_allowed(planned: Planned) -> None:
+def test_two_heaters_on_at_once_are_named_where_one_is_allowed() -> None:
     """A plan for one heater, its second one on for a while during the first one's dwell."""
     case = case_of(planned("paper-1", heaters_at_once=1))
     assert case.check().problems == ()

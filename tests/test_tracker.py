@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
 from numpy.typing import NDArray
+from once import planned
 from problems import ROBOT
 from scipy.optimize import nnls
 
@@ -23,7 +23,6 @@ from twosra_mpc import (
     Problem,
     Robot,
     Start,
-    load_problem,
     load_robot,
     plan,
     with_path_model,
@@ -94,7 +93,7 @@ def drive(tracker: Tracker, of: Plan, phase: int, q: Array, rest_s: float = 3.0)
     return q
 
 
-def stepped(planned: Planned, mode: Mode, **settings: Any) -> tuple[Tracker, QuadraticProgram]:
+def stepped(mode: Mode, **settings: Any) -> tuple[Tracker, QuadraticProgram]:
     """A tracker after a few steps from a disturbed start, and its last program."""
     scenario, phase = PHASES[mode]
     of = planned(scenario, robot="2sra-v1-paper")  # which drives at its limits
@@ -133,7 +132,7 @@ def dense_solution(program: QuadraticProgram) -> Array:
     return x
 
 
-def test_robots_that_differ_in_their_heat_alone_share_compiled_programs(planned: Planned) -> None:
+def test_robots_that_differ_in_their_heat_alone_share_compiled_programs() -> None:
     of = planned("paper-2")
     heater, limits = of.robot.heater, of.robot.limits
     warmer = heater.with_values(soft_setpoint_C=heater.soft_setpoint_C + 1.0)
@@ -155,16 +154,16 @@ def test_robots_that_differ_in_their_heat_alone_share_compiled_programs(planned:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_the_program_is_solved(planned: Planned, mode: Mode) -> None:
+def test_the_program_is_solved(mode: Mode) -> None:
     tight = SolverSettings(tolerance=1e-10, max_iterations=100_000)
-    _, program = stepped(planned, mode, solver=tight)
+    _, program = stepped(mode, solver=tight)
     assert np.abs(program.y).max() > 1e-3  # limits are active
     np.testing.assert_allclose(program.x, dense_solution(program), atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_residuals_are_within_the_tolerance(planned: Planned, mode: Mode) -> None:
-    tracker, program = stepped(planned, mode)
+def test_residuals_are_within_the_tolerance(mode: Mode) -> None:
+    tracker, program = stepped(mode)
     residuals = program.residuals()
     assert max(residuals.primal, residuals.dual) <= tracker.solver.tolerance
     worse = dataclasses.replace(program, x=program.x + 1.0, y=program.y + 1.0).residuals()
@@ -173,8 +172,8 @@ def test_residuals_are_within_the_tolerance(planned: Planned, mode: Mode) -> Non
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_the_tolerance_bounds_the_error_of_the_first_speeds(planned: Planned, mode: Mode) -> None:
-    tracker, program = stepped(planned, mode)
+def test_the_tolerance_bounds_the_error_of_the_first_speeds(mode: Mode) -> None:
+    tracker, program = stepped(mode)
     rows = slice(0, outputs_of(mode).count)  # the first limits of the first stage
     error = program.constraints @ (program.x - dense_solution(program))
     assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
@@ -267,8 +266,8 @@ def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
         np.testing.assert_allclose(slopes[:, variable], difference, atol=1e-6)
 
 
-def test_the_pattern_never_changes(planned: Planned) -> None:
-    tracker, first = stepped(planned, SOFT_1)
+def test_the_pattern_never_changes() -> None:
+    tracker, first = stepped(SOFT_1)
     scenario, phase = PHASES[SOFT_1]
     tracker.step(Measurement(planned(scenario).phases[phase].start_s, phase, np.full(5, 0.1)))
     second = tracker.quadratic_program()
@@ -279,7 +278,7 @@ def test_the_pattern_never_changes(planned: Planned) -> None:
 
 
 @pytest.mark.parametrize("scenario", ["paper-1", "paper-2", "paper-4", "move-and-shape"])
-def test_every_phase_ends_where_the_plan_does(planned: Planned, scenario: str) -> None:
+def test_every_phase_ends_where_the_plan_does(scenario: str) -> None:
     of = planned(scenario)
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -303,13 +302,13 @@ def test_a_mode_has_as_many_outputs_as_inputs_whatever_the_number_of_segments(
         assert np.linalg.matrix_rank(outputs.selection) == outputs.count
 
 
-def test_each_mode_is_among_the_phases_above(planned: Planned) -> None:
+def test_each_mode_is_among_the_phases_above() -> None:
     scenarios = ("paper-1", "paper-2", "paper-4")
     assert {phase.mode for name in scenarios for phase in planned(name).phases} == set(MODES)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_a_rigid_phase_recovers_from_a_push(planned: Planned, sign: int) -> None:
+def test_a_rigid_phase_recovers_from_a_push(sign: int) -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -318,7 +317,7 @@ def test_a_rigid_phase_recovers_from_a_push(planned: Planned, sign: int) -> None
     np.testing.assert_allclose(q, configuration(of, of.phases[0].end_s), atol=1e-6)
 
 
-def test_small_deviations_decay_with_the_response_time(planned: Planned) -> None:
+def test_small_deviations_decay_with_the_response_time() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -336,9 +335,7 @@ def test_small_deviations_decay_with_the_response_time(planned: Planned) -> None
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_without_active_limits_the_response_is_known_beforehand(
-    planned: Planned, mode: Mode
-) -> None:
+def test_without_active_limits_the_response_is_known_beforehand(mode: Mode) -> None:
     scenario, phase = PHASES[mode]
     of = planned(scenario)
     tracker = Tracker(of.robot, solver=SolverSettings(tolerance=1e-9))
@@ -357,7 +354,7 @@ def test_without_active_limits_the_response_is_known_beforehand(
         q = moved(tracker, mode, q, command.v)
 
 
-def test_warm_starts_save_iterations(planned: Planned) -> None:
+def test_warm_starts_save_iterations() -> None:
     of = planned("paper-2", robot="2sra-v1-paper")
     warm, cold = Tracker(of.robot), Tracker(of.robot)
     warm.reset(of)
@@ -377,7 +374,7 @@ def test_warm_starts_save_iterations(planned: Planned) -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> None:
+def test_the_reference_is_the_path_of_the_plan(mode: Mode) -> None:
     scenario, index = PHASES[mode]
     of = planned(scenario)
     phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
@@ -404,7 +401,7 @@ def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> 
     np.testing.assert_allclose(found, [selection @ configuration(of, phase.end_s)] * 5, atol=1e-7)
 
 
-def test_headings_count_modulo_full_turns(planned: Planned) -> None:
+def test_headings_count_modulo_full_turns() -> None:
     of = planned("paper-2")
     commands = []
     for turns in (0, 1, -3):
@@ -415,7 +412,7 @@ def test_headings_count_modulo_full_turns(planned: Planned) -> None:
     np.testing.assert_allclose(commands[1:], [commands[0]] * 2, atol=1e-9)
 
 
-def test_a_far_robot_drives_at_its_limit_and_arrives(planned: Planned) -> None:
+def test_a_far_robot_drives_at_its_limit_and_arrives() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -429,7 +426,7 @@ def test_a_far_robot_drives_at_its_limit_and_arrives(planned: Planned) -> None:
     assert fastest > 0.99 * of.robot.limits.wheel_speed_rad_s
 
 
-def test_the_robots_own_wheel_acceleration_is_kept(planned: Planned) -> None:
+def test_the_robots_own_wheel_acceleration_is_kept() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -445,7 +442,7 @@ def test_the_robots_own_wheel_acceleration_is_kept(planned: Planned) -> None:
     assert max(changes) <= most * tracker.period_s + OUT_OF_BOUNDS
 
 
-def test_a_soft_phase_gives_way_to_a_heading_far_off(planned: Planned) -> None:
+def test_a_soft_phase_gives_way_to_a_heading_far_off() -> None:
     """A heading that a rigid drive can correct does not use up the speed there is for bending."""
     of = planned("paper-2")
     end = configuration(of, of.phases[1].end_s)
@@ -459,7 +456,7 @@ def test_a_soft_phase_gives_way_to_a_heading_far_off(planned: Planned) -> None:
     assert bent[1] > 0.5 * bent[0] > 0.0
 
 
-def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
+def test_wheels_turn_as_the_input_asks() -> None:
     of = planned("paper-4")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -520,9 +517,7 @@ def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(
 
 @pytest.mark.parametrize("mode", [SOFT_1, SOFT_2, SOFT_BOTH])
 @pytest.mark.parametrize("kappa", [-1e300, -1e4, -100.0, 100.0, 1e4, 1e300])
-def test_a_curvature_out_of_all_bounds_is_still_bent_back(
-    planned: Planned, mode: Mode, kappa: float
-) -> None:
+def test_a_curvature_out_of_all_bounds_is_still_bent_back(mode: Mode, kappa: float) -> None:
     scenario, phase = PHASES[mode]
     of = planned(scenario)
     tracker = Tracker(of.robot)
@@ -561,7 +556,7 @@ def resident_bytes() -> int:
     return int(status.read_text().split()[1]) * 4096 if status.exists() else 0
 
 
-def test_many_steps_whatever_is_measured(planned: Planned) -> None:
+def test_many_steps_whatever_is_measured() -> None:
     of = planned("paper-1")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -614,9 +609,7 @@ def test_many_steps_whatever_is_measured(planned: Planned) -> None:
         ("measurement.phase", {"phase": 0.5}),
     ],
 )
-def test_bad_measurements_are_refused_by_name(
-    planned: Planned, field: str, values: dict[str, Any]
-) -> None:
+def test_bad_measurements_are_refused_by_name(field: str, values: dict[str, Any]) -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -628,7 +621,7 @@ def test_bad_measurements_are_refused_by_name(
     assert command.wheel_rad_s.any()
 
 
-def test_what_does_not_fit_together_is_refused_by_name(planned: Planned) -> None:
+def test_what_does_not_fit_together_is_refused_by_name() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     measurement = Measurement(0.0, 0, np.zeros(5))
@@ -664,7 +657,7 @@ def test_bad_settings_are_refused_by_name(field: str, values: dict[str, Any]) ->
     assert caught.value.field == field
 
 
-def test_without_a_solution_the_wheels_stop_and_the_heaters_hold(planned: Planned) -> None:
+def test_without_a_solution_the_wheels_stop_and_the_heaters_hold() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot, solver=SolverSettings(max_iterations=1))
     tracker.reset(of)
@@ -686,7 +679,7 @@ def test_without_a_solution_the_wheels_stop_and_the_heaters_hold(planned: Planne
     assert not held.wheel_rad_s.any()
 
 
-def test_a_failure_is_overcome_by_iterating_on(planned: Planned) -> None:
+def test_a_failure_is_overcome_by_iterating_on() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot, solver=SolverSettings(max_iterations=10))
     tracker.reset(of)
@@ -696,7 +689,7 @@ def test_a_failure_is_overcome_by_iterating_on(planned: Planned) -> None:
     assert statuses[-1] is CommandStatus.SOLVED
 
 
-def test_heaters_follow_the_plan(planned: Planned) -> None:
+def test_heaters_follow_the_plan() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -707,7 +700,7 @@ def test_heaters_follow_the_plan(planned: Planned) -> None:
         np.testing.assert_array_equal(command.heater_setpoint_C, samples.heater_setpoint_C[at])
 
 
-def test_two_trackers_do_not_disturb_each_other(planned: Planned) -> None:
+def test_two_trackers_do_not_disturb_each_other() -> None:
     of = planned("paper-2")
 
     def commands(trackers: list[Tracker]) -> list[Array]:
@@ -727,7 +720,7 @@ def test_two_trackers_do_not_disturb_each_other(planned: Planned) -> None:
     np.testing.assert_array_equal(alone, together)
 
 
-def test_fast_wheels_are_stopped_between_phases(planned: Planned) -> None:
+def test_fast_wheels_are_stopped_between_phases() -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -746,7 +739,7 @@ def test_fast_wheels_are_stopped_between_phases(planned: Planned) -> None:
     assert moving.wheel_rad_s.any()
 
 
-def test_a_phase_begins_without_memory_of_another_run(planned: Planned) -> None:
+def test_a_phase_begins_without_memory_of_another_run() -> None:
     of = planned("paper-2")
     fresh, used = Tracker(of.robot), Tracker(of.robot)
     fresh.reset(of)
@@ -764,7 +757,7 @@ def test_a_phase_begins_without_memory_of_another_run(planned: Planned) -> None:
 @pytest.mark.parametrize("model", ["log_spiral_corrected", "arc", "cardioid"])
 def test_other_path_models_are_tracked_too(model: str) -> None:
     robot = with_path_model(ROBOT, model)
-    of = plan(load_problem("paper-2", robot=robot)).require()
+    of = planned("paper-2", robot=robot)
     tracker = Tracker(robot, horizon=6)
     tracker.reset(of)
     q = of.problem.start.configuration.copy()

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from conftest import Planned
+from once import planned
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import InputError, Plan
@@ -21,7 +21,7 @@ EXACT = 1e-9  # m, rad, 1/m
 
 
 @pytest.fixture(scope="module")
-def bending(planned: Planned) -> Trajectory:
+def bending() -> Trajectory:
     """A plan whose wheels turn at a changing rate, from rest to rest and as the shape changes."""
     return planned("shape-change").trajectory
 
@@ -133,7 +133,7 @@ def following(trajectory: Trajectory, held: Samples) -> np.ndarray:
     ],
 )
 def test_set_points_that_hold_from_row_to_row_lose_nothing(
-    planned: Planned, scenario: str, rate: float | None
+    scenario: str, rate: float | None
 ) -> None:
     given = planned(scenario).trajectory
     held = given.held(rate)
@@ -149,7 +149,7 @@ def test_set_points_that_hold_from_row_to_row_lose_nothing(
     assert not held.wheel_rad_s[-1].any()
 
 
-def test_every_wheel_travels_the_integral_of_its_speed(planned: Planned) -> None:
+def test_every_wheel_travels_the_integral_of_its_speed() -> None:
     given = planned("paper-1").trajectory
     t, (places, weights) = given.samples.t_s, np.polynomial.legendre.leggauss(6)
     dt = np.diff(t)[given.samples.moves[:-1]]
@@ -159,9 +159,7 @@ def test_every_wheel_travels_the_integral_of_its_speed(planned: Planned) -> None
     np.testing.assert_allclose(given.wheel_travel_rad(t[-1])[0], exact, rtol=0, atol=1e-6)
 
 
-def test_rows_that_hold_stand_at_the_rate_and_where_phases_begin_and_end(
-    planned: Planned,
-) -> None:
+def test_rows_that_hold_stand_at_the_rate_and_where_phases_begin_and_end() -> None:
     given = planned("paper-1").trajectory
     t = given.held(7.3).t_s
     ends = [time for phase in given.phases for time in (phase.start_s, phase.end_s)]
@@ -178,7 +176,7 @@ def test_rows_that_hold_stand_at_the_rate_and_where_phases_begin_and_end(
 )
 @pytest.mark.parametrize("number", range(1, 6))
 def test_wheel_speeds_of_plans_bend_arcs_that_do_not_slip(
-    number: int, robot: str, low: float, high: float, planned: Planned
+    number: int, robot: str, low: float, high: float
 ) -> None:
     """All that was planned, or as little as a refusal of the paper's wheel map says."""
     path = planned(f"paper-{number}", robot=robot).trajectory

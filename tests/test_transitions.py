@@ -207,9 +207,7 @@ def test_a_log_that_cannot_be_right_is_refused_and_nothing_is_written(run: Run, 
     assert not Path("new.toml").exists()
 
 
-def test_durations_that_no_segment_has_are_refused(
-    logged: tuple[LoggedTransition, ...],
-) -> None:
+def test_durations_that_no_segment_has_are_refused(logged: tuple[LoggedTransition, ...]) -> None:
     """Three times as long in every other melt and freeze: no model explains both."""
     odd = tuple(
         replace(each, duration_s=each.duration_s * (12.0 if i % 4 < 2 else 0.4))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from thermal_problems import V1, V2, settled, thermal_model, thermal_problem, transitions_of
 
-from twosra_mpc import InputError, Robot, plan
+from twosra_mpc import InputError, Problem, Robot, plan
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.model import SegmentModel
@@ -122,24 +122,29 @@ def heated(
     return model.hold(state, max(0.0, span - reached))
 
 
+def drawn_spans(problem: Problem, seed: int) -> Iterator[tuple[Transition, Array, Array]]:
+    """Each planned transition, and when drawn robots begin and have done it."""
+    found = settled(problem, (RIGID, SOFT_1, RIGID), [0.0, 30.0, 0.0])
+    assert found is not None
+    planned, heater = transitions_of(problem, found.network, found.times), problem.robot.heater
+    seen = np.array(
+        [
+            executed(model, heater.soft_setpoint_C, heater.melt_current_A, planned)
+            for model in draws(problem.robot, problem.ambient, 400, seed)
+        ]
+    )
+    for i, item in enumerate(planned):
+        yield item, seen[:, i, 0], seen[:, i, 1]
+
+
 @robots
 @quantiles
 def test_drawn_robots_stay_within_the_windows_of_a_plan_as_often_as_asked(
     robot: Robot, quantile: float
 ) -> None:
     problem = thermal_problem(robot, transition_quantile=quantile)
-    found = settled(problem, (RIGID, SOFT_1, RIGID), [0.0, 30.0, 0.0])
-    assert found is not None
-    planned = transitions_of(problem, found.network, found.times)
-    heater = robot.heater
-    seen = np.array(
-        [
-            executed(model, heater.soft_setpoint_C, heater.melt_current_A, planned)
-            for model in draws(robot, problem.ambient, 400, seed=11)
-        ]
-    )
-    for i, item in enumerate(planned):
-        early, late = seen[:, i, 0] >= item.onset_s - 1e-6, seen[:, i, 1] <= item.done_s + 1e-6
+    for item, begun_s, done_s in drawn_spans(problem, seed=11):
+        early, late = begun_s >= item.onset_s - 1e-6, done_s <= item.done_s + 1e-6
         assert early.mean() >= quantile - 0.05, item
         assert late.mean() >= quantile - 0.05, item
         assert min(early.mean(), late.mean()) <= quantile + 0.15, "wider than asked"
@@ -147,19 +152,8 @@ def test_drawn_robots_stay_within_the_windows_of_a_plan_as_often_as_asked(
 
 @robots
 def test_without_a_quantile_about_half_of_the_robots_are_late(robot: Robot) -> None:
-    problem = thermal_problem(robot)
-    found = settled(problem, (RIGID, SOFT_1, RIGID), [0.0, 30.0, 0.0])
-    assert found is not None
-    planned = transitions_of(problem, found.network, found.times)
-    heater = robot.heater
-    seen = np.array(
-        [
-            executed(model, heater.soft_setpoint_C, heater.melt_current_A, planned)
-            for model in draws(robot, problem.ambient, 400, seed=12)
-        ]
-    )
-    for i, item in enumerate(planned):
-        assert 0.3 < (seen[:, i, 1] <= item.done_s + 1e-6).mean() < 0.7
+    for item, _, done_s in drawn_spans(thermal_problem(robot), seed=12):
+        assert 0.3 < (done_s <= item.done_s + 1e-6).mean() < 0.7
 
 
 # --- where there are no windows ------------------------------------------------------------------

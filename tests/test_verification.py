@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from once import planned
 from problems import at_once
 from scipy.integrate import solve_ivp
 
@@ -94,7 +94,7 @@ def case_of(some: Plan) -> Case:
 
 
 @pytest.fixture(scope="module")
-def case(request: pytest.FixtureRequest, planned: Planned) -> Case:
+def case(request: pytest.FixtureRequest) -> Case:
     """Optimal plan of paper-1, met exactly; its timing is the parameter."""
     return case_of(planned("paper-1", exact=True, timing=request.param))
 
@@ -677,7 +677,7 @@ def test_phases_that_overlap_are_found(case: Case) -> None:
     )
 
 
-def test_reconfigurations_are_slept_through(planned: Planned) -> None:
+def test_reconfigurations_are_slept_through() -> None:
     greedy = case_of(planned("paper-1", planner="greedy", timing="paper"))
     cooled = [item for item in greedy.transitions if item.done_s - item.heater_s > 300.5]
     assert cooled  # 400 s of cooling, then 102 s of heating
@@ -696,7 +696,7 @@ def test_reconfigurations_are_slept_through(planned: Planned) -> None:
     sign=st.sampled_from([-1.0, 1.0]),
 )
 def test_no_change_of_motion_goes_unnoticed(
-    planned: Planned, row: float, column: int, name: str, by: float, sign: float
+    row: float, column: int, name: str, by: float, sign: float
 ) -> None:
     case = case_of(planned("rigid-move"))
     i = int(row * (len(case.samples) - (name == "v")))
@@ -711,9 +711,7 @@ def test_no_change_of_motion_goes_unnoticed(
     by=st.floats(0.01, 500.0),
     sign=st.sampled_from([-1.0, 1.0]),
 )
-def test_a_transition_moved_alone_is_found(
-    planned: Planned, i: int, name: str, by: float, sign: float
-) -> None:
+def test_a_transition_moved_alone_is_found(i: int, name: str, by: float, sign: float) -> None:
     case = case_of(planned("paper-1", timing="constant"))
     item = case.transitions[i]
     moved = item._replace(**{name: getattr(item, name) + sign * by})
@@ -924,4 +922,4 @@ def planned_with(robot: Robot, times: SequentialTiming) -> Plan:
     """A greedy plan (melts one segment after the other) with other transition times."""
     changed = robot.with_values(timing={"nominal": times})
     goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
-    return plan(load_problem("shape-change", robot=changed, goal=goal, planner="greedy")).require()
+    return planned("shape-change", robot=changed, goal=goal, planner="greedy")

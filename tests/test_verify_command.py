@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Planned, Run, Solved
+from conftest import Run
+from once import planned, solved
 
-from twosra_mpc import InputError, Result, load_problem, plan
+from twosra_mpc import InputError, Result
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import examine
 
@@ -28,7 +29,7 @@ def run(run: Run) -> Run:
 
 
 @pytest.fixture
-def document(solved: Solved) -> Document:
+def document() -> Document:
     """A verified plan as plain data, free to be changed."""
     return deepcopy(solved("paper-1").to_dict())
 
@@ -50,12 +51,12 @@ def test_every_plan_that_was_made_is_verified(any_result: Result, tmp_path: Path
 
 def test_plans_with_weights_are_verified(tmp_path: Path) -> None:
     weights = {"energy_s_per_J": 0.1, "transition_s": 7.0}
-    plan(load_problem("shape-change", weights=weights)).save(tmp_path / "plan.json")
+    solved("shape-change", weights=weights).save(tmp_path / "plan.json")
     assert check_plan(tmp_path / "plan.json").ok
 
 
 def test_a_plan_in_which_nothing_happens_is_verified(tmp_path: Path) -> None:
-    plan(load_problem("rigid-move", goal={"x_m": 0.0})).save(tmp_path / "plan.json")
+    solved("rigid-move", goal={"x_m": 0.0}).save(tmp_path / "plan.json")
     assert check_plan(tmp_path / "plan.json").ok
 
 
@@ -238,7 +239,7 @@ def test_the_rule_that_is_broken_is_named(
     assert check.found in found.problems
 
 
-def test_of_a_time_that_runs_backwards_nothing_else_is_said(planned: Planned) -> None:
+def test_of_a_time_that_runs_backwards_nothing_else_is_said() -> None:
     made = planned("paper-1")
     checked = examine(made.trajectory)
     assert all(not broken for broken in checked.rules.values())
@@ -248,9 +249,7 @@ def test_of_a_time_that_runs_backwards_nothing_else_is_said(planned: Planned) ->
     assert not checked.verification.ok
 
 
-def test_a_plan_of_the_authors_sleeps_is_judged_by_its_own_rules(
-    solved: Solved, tmp_path: Path
-) -> None:
+def test_a_plan_of_the_authors_sleeps_is_judged_by_its_own_rules(tmp_path: Path) -> None:
     document = deepcopy(solved("paper-1", timing="paper").to_dict())
     assert check_plan(write(document, tmp_path / "plan.json")).ok
     later(transition(document, "soft"), 10.0, "heater_s")
@@ -309,7 +308,7 @@ def test_quiet_leaves_the_exit_code(run: Run, document: Document, tmp_path: Path
 
 
 def test_a_file_without_a_plan_verifies_nothing(run: Run, tmp_path: Path) -> None:
-    found = plan(load_problem("paper-1", work_limit=1e-9))
+    found = solved("paper-1", work_limit=1e-9)
     found.save(tmp_path / "none.json")
     code, out, _ = run("none.json")
     assert code == 4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from matplotlib.patches import Rectangle
+from once import planned
 from problems import ROBOT
 
 from twosra_mpc import InputError, Plan, Problem, Status, load_problem, load_robot, plan
@@ -23,11 +23,6 @@ from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import Array
 
 ROOM_M = 3e-3  # around start and goal
-
-
-@cache
-def free(name: str) -> Plan:
-    return plan(load_problem(name)).require()
 
 
 def points(made: Plan, q: Array) -> Array:
@@ -47,7 +42,7 @@ def visited(made: Plan) -> Array:
 
 def cut(name: str, side: int, axis: int) -> Workspace:
     """A half-plane that start and goal are in, and the quickest motion is not."""
-    ends = points(free(name), free(name).samples.q[[0, -1]]).reshape(-1, 2)
+    ends = points(planned(name), planned(name).samples.q[[0, -1]]).reshape(-1, 2)
     edge = (ends.min(axis=0) - ROOM_M, ends.max(axis=0) + ROOM_M)[side][axis]
     pair = (float(edge), 9.0) if side == 0 else (-9.0, float(edge))
     return Workspace(**{("x_m", "y_m")[axis]: pair})
@@ -59,14 +54,14 @@ CUTS = [("paper-2", 0, 1), ("shape-change", 0, 1), ("paper-4", 1, 0)]
 @pytest.mark.parametrize(("name", "side", "axis"), CUTS)
 def test_a_plan_that_leaves_is_made_anew_inside(name: str, side: int, axis: int) -> None:
     box = cut(name, side, axis)
-    assert box.margin_m(visited(free(name))).min() < -0.01
-    problem = free(name).problem.with_values(workspace=box, gap=0.02, work_limit=300_000.0)
+    assert box.margin_m(visited(planned(name))).min() < -0.01
+    problem = planned(name).problem.with_values(workspace=box, gap=0.02, work_limit=300_000.0)
     made = plan(problem).require()
     assert made.verification.ok
     inside = float(box.margin_m(visited(made)).min())
     assert inside >= 0
     assert inside - 1e-4 <= made.verification.limits["workspace_m"] <= inside + 1e-7
-    assert made.lower_bound == free(name).lower_bound  # a box only takes plans away
+    assert made.lower_bound == planned(name).lower_bound  # a box only takes plans away
     assert made.cost.total >= (made.lower_bound or 0.0)
 
 
@@ -91,7 +86,7 @@ def test_a_drive_bends_away_from_the_edge() -> None:
 
 @pytest.mark.parametrize(("name", "side", "axis"), CUTS)
 def test_verification_catches_a_plan_that_leaves(name: str, side: int, axis: int) -> None:
-    box, made = cut(name, side, axis), free(name)
+    box, made = cut(name, side, axis), planned(name)
     problem = made.problem.with_values(workspace=box)
     found = verify(replace(made.trajectory, problem=problem))
     outside = -1e3 * float(box.margin_m(visited(made)).min())
@@ -105,7 +100,7 @@ def test_verification_catches_a_plan_that_leaves(name: str, side: int, axis: int
 @pytest.mark.parametrize("name", ["paper-1", "paper-5", "three-segments"])
 def test_what_lies_between_samples_counts(name: str) -> None:
     """The margin stated is never more than that of any place on the way, and little less."""
-    made = free(name)
+    made = planned(name)
     seen = visited(made)
     for axis, side in ((0, 0), (0, 1), (1, 0), (1, 1)):
         edge = float((seen.min(axis=(0, 1)) - 0.01, seen.max(axis=(0, 1)) + 0.01)[side][axis])
@@ -120,10 +115,10 @@ def test_what_lies_between_samples_counts(name: str) -> None:
 def test_room_enough_changes_nothing() -> None:
     problem = load_problem("paper-1", workspace={"x_m": [-2, 2], "y_m": [-2, 2]})
     made = plan(problem).require()
-    assert made.cost == free("paper-1").cost
-    assert (made.samples.q == free("paper-1").samples.q).all()
+    assert made.cost == planned("paper-1").cost
+    assert (made.samples.q == planned("paper-1").samples.q).all()
     assert 1.0 < made.verification.limits["workspace_m"] < 2.0
-    assert "workspace_m" not in free("paper-1").verification.limits
+    assert "workspace_m" not in planned("paper-1").verification.limits
 
 
 def test_only_problems_with_a_workspace_have_its_rows() -> None:
@@ -135,7 +130,7 @@ def test_only_problems_with_a_workspace_have_its_rows() -> None:
 
 
 def test_no_plan_inside_is_no_proof_that_there_is_none() -> None:
-    base = free("paper-4")
+    base = planned("paper-4")
     ends = points(base, base.samples.q[[0, -1]]).reshape(-1, 2)
     low, high = ends.min(axis=0) - 1e-4, ends.max(axis=0) + 1e-4
     box = {"x_m": (float(low[0]), float(high[0])), "y_m": (float(low[1]), float(high[1]))}
@@ -146,17 +141,17 @@ def test_no_plan_inside_is_no_proof_that_there_is_none() -> None:
 
 def test_ends_outside_are_named() -> None:
     q = load_problem("paper-1").start.configuration
-    shape = points(free("paper-1"), q[None]).reshape(-1, 2)
+    shape = points(planned("paper-1"), q[None]).reshape(-1, 2)
     wrong: dict[str, Any] = {"x_m": [float(shape[:, 0].min()) + 0.012, 9.0]}
     with pytest.raises(InputError, match=r"start = .*12\.0 mm outside"):
         plan(load_problem("paper-1", workspace=wrong))
-    goal = points(free("paper-1"), free("paper-1").problem.goal.configuration[None])
+    goal = points(planned("paper-1"), planned("paper-1").problem.goal.configuration[None])
     ends = [float(shape[:, 1].max()), float(goal[..., 1].max())]  # the start lies lower
     wrong = {"y_m": [-9.0, ends[1] - 0.02]}
     assert ends[0] < ends[1] - 0.02
     with pytest.raises(InputError, match=r"goal = .*20\.0 mm outside"):
         plan(load_problem("paper-1", workspace=wrong))
-    plan(load_problem("paper-1", workspace=wrong, goal={"kappa_per_m": [20.0, "free"]})).require()
+    planned("paper-1", workspace=wrong, goal={"kappa_per_m": [20.0, "free"]})
 
 
 def test_a_wide_goal_is_left_to_the_search() -> None:
@@ -195,14 +190,14 @@ def _document() -> dict[str, Any]:
 
 
 def test_a_run_that_has_left_gets_the_room_it_needs() -> None:
-    problem = free("paper-2").problem
+    problem = planned("paper-2").problem
     q, cold = problem.goal.configuration, problem.temperatures
-    edge = float(points(free("paper-2"), q[None])[..., 1].min()) - ROOM_M
+    edge = float(points(planned("paper-2"), q[None])[..., 1].min()) - ROOM_M
     problem = problem.with_values(workspace=Workspace(y_m=(edge, 9.0)))
     assert remaining_problem(problem, q, cold, (0, 0)).workspace == problem.workspace
     strayed = q - [0.0, 0.02, 0.0, 0.0, 0.0]
     rest = remaining_problem(problem, strayed, cold, (0, 0))
-    least = points(free("paper-2"), strayed[None])[..., 1].min()
+    least = points(planned("paper-2"), strayed[None])[..., 1].min()
     assert rest.workspace is not None
     assert rest.workspace.y_m is not None
     assert rest.workspace.y_m[0] == pytest.approx(least - 1e-3, abs=1e-5)

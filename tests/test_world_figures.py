@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from once import planned, solved
 
-from twosra_mpc import Plan, load_problem, plan
+from twosra_mpc import Plan, load_problem
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import figures, plot_plan, plot_snapshots, plot_sweep
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
@@ -38,14 +38,9 @@ NOTCHED = [(-0.3, 0.1), (-0.25, 0.12), (-0.2, 0.1), (-0.22, 0.2), (-0.3, 0.2)]
 
 
 @cache
-def solved() -> Result:
-    return plan(load_problem("move-and-shape"))
-
-
-@cache
 def among() -> Plan:
     """A plan with a wall beside its way, and a box on it."""
-    made = solved().require()
+    made = planned("move-and-shape")
     x, y = made.trajectory.configuration(made.phases[0].end_s)[0, :2].tolist()
     wall = {"x_m": (-2.0, 2.0), "y_m": (-2.0, y - 0.05)}
     problem = made.problem.with_values(
@@ -95,7 +90,7 @@ def test_every_plane_of_a_plan_shows_its_surroundings() -> None:
 
 
 def test_without_obstacles_nothing_is_said_of_them() -> None:
-    made = solved().require()
+    made = planned("move-and-shape")
     ax = plot_plan(made).axes[0]
     assert drawn(ax) == ([], [], drawn(ax)[2])
     legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
@@ -138,7 +133,7 @@ def test_films_show_surroundings_and_the_nearest_points() -> None:
 
 
 def test_the_report_shows_them_and_can_be_planned_again(tmp_path: Path) -> None:
-    result = replace(solved(), problem=among().problem, plan=among())
+    result = replace(solved("move-and-shape"), problem=among().problem, plan=among())
     page = report_page(result)
     shapes = re.findall(r'<polygon class="obstacle" points="([^"]*)"', page)
     assert len(shapes) == 3
@@ -176,14 +171,14 @@ def test_foxglove_sees_walls_where_obstacles_are(tmp_path: Path) -> None:
         assert len(sides.indices) == 6 * len(corners)
         assert max(sides.indices) < len(sides.points)
     plain = tmp_path / "plain.mcap"
-    save_mcap(solved().require(), plain)
+    save_mcap(planned("move-and-shape"), plain)
     with plain.open("rb") as stream:
         topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
     assert "/surroundings" not in topics
 
 
 def test_a_workspace_is_drawn_to_its_edges() -> None:
-    problem = solved().problem.with_values(workspace={"x_m": (-1.0, 2.0)})
+    problem = solved("move-and-shape").problem.with_values(workspace={"x_m": (-1.0, 2.0)})
     ax = Figure().subplots()
     draw_world(ax, problem, np.array([[0.0, 0.0], [1.0, 1.0]]))
     (box,) = drawn(ax)[1]

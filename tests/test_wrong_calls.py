@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 import pytest
-from conftest import Solved
+from once import solved
 
 import twosra_mpc
 from twosra_mpc import (
@@ -142,29 +142,27 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), WRONG)
-def test_wrong_calls_are_answered(
-    call: Callable[[Problem, Any], object], words: str, solved: Solved
-) -> None:
+def test_wrong_calls_are_answered(call: Callable[[Problem, Any], object], words: str) -> None:
     result = solved("rigid-move")
     with pytest.raises(InputError, match=words):
         call(result.problem, result)
 
 
-def test_a_result_is_taken_where_a_plan_is_meant(solved: Solved, tmp_path: Path) -> None:
+def test_a_result_is_taken_where_a_plan_is_meant(tmp_path: Path) -> None:
     result = solved("rigid-move")
     save_setpoints(result, tmp_path / "a.csv")  # type: ignore[arg-type]
     save_setpoints(result.require(), tmp_path / "b.csv")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
-def test_what_a_plan_has_is_not_looked_for_in_a_result(solved: Solved) -> None:
+def test_what_a_plan_has_is_not_looked_for_in_a_result() -> None:
     for name in ("phases", "cost", "trajectory"):
         with pytest.raises(AttributeError, match=rf"result\.require\(\)\.{name}"):
             getattr(solved("rigid-move"), name)
     assert not hasattr(solved("rigid-move"), "nonsense")
 
 
-def test_values_compare_and_print_as_values(solved: Solved, tmp_path: Path) -> None:
+def test_values_compare_and_print_as_values(tmp_path: Path) -> None:
     result = solved("rigid-move")
     result.save(tmp_path / "plan.json")
     again = twosra_mpc.load_plan(tmp_path / "plan.json")

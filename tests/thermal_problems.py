@@ -10,15 +10,7 @@ from hypothesis import strategies as st
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.planning.bounds.schedule import schedule
-from twosra_mpc.robot.modes import (
-    RIGID,
-    SOFT_1,
-    SOFT_2,
-    SOFT_BOTH,
-    Mode,
-    ModeSequence,
-    all_modes,
-)
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence, all_modes
 from twosra_mpc.thermal.heating import TemperatureTrajectory
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 from twosra_mpc.timing.network import events_of

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
 from numpy.typing import NDArray
+from once import planned
 
 from benchmarks.foreign import TICK_S, ForeignRobot
 from benchmarks.problems import labelled
@@ -53,7 +53,7 @@ def driven(robot: ForeignRobot, made: Any, executor: str) -> Run:
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])
 @pytest.mark.parametrize(("spoil", "words"), [(stands, "stands still"), (goes_back, "goes back")])
 def test_a_clock_that_does_not_go_on_stops_the_robot(
-    spoil: Spoil, words: str, executor: str, planned: Planned
+    spoil: Spoil, words: str, executor: str
 ) -> None:
     """Otherwise its wheels would turn for ever, for nothing is ever late."""
     made = planned("rigid-move", robot=ARC)
@@ -66,9 +66,7 @@ def test_a_clock_that_does_not_go_on_stops_the_robot(
 
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])
 @pytest.mark.parametrize("far", [1e3, 1e300])
-def test_frames_of_where_no_robot_can_be_are_lost_frames(
-    far: float, executor: str, planned: Planned
-) -> None:
+def test_frames_of_where_no_robot_can_be_are_lost_frames(far: float, executor: str) -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Spoilt(made.problem, lambda reading: replace(reading, frames=reading.frames + far))
     assert driven(robot, made, executor).ending is Ending.CAMERA_LOST
@@ -100,7 +98,7 @@ class Reversed(ForeignRobot):
 
 
 def test_the_greedy_rule_does_not_go_away_from_its_goal_for_hours(
-    planned: Planned, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(greedy_executor, "AWAY_M", 3.0)
     made = planned("rigid-move", robot=ARC)
@@ -121,7 +119,7 @@ def test_the_greedy_rule_may_come_back_from_far() -> None:
     assert robot.off
 
 
-def test_the_longest_time_of_a_run_holds_while_it_drives(planned: Planned) -> None:
+def test_the_longest_time_of_a_run_holds_while_it_drives() -> None:
     made = planned("rigid-move", robot=ARC)
     robot, longest_s = ForeignRobot(made.problem), made.duration_s / 2
     run = Executor(robot, ExecutorSettings(longest_s=longest_s)).run(made)
@@ -130,7 +128,7 @@ def test_the_longest_time_of_a_run_holds_while_it_drives(planned: Planned) -> No
     assert longest_s < robot.time_s < longest_s + 2 * TICK_S
 
 
-def test_a_robot_that_does_not_bend_is_not_heated_for_hours(planned: Planned) -> None:
+def test_a_robot_that_does_not_bend_is_not_heated_for_hours() -> None:
     """With a dead wheel it never bends, however long it melts."""
     made = planned("rigid-move", robot=ARC)
     robot = ForeignRobot(made.problem)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
 from numpy.typing import NDArray
+from once import planned
 
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
 from benchmarks.studies.faults import attacked
@@ -67,7 +67,7 @@ ENDS = [  # executor, fault, scenario, when it begins [s], and how the run ends 
 
 @pytest.mark.parametrize(("executor", "fault", "scenario", "begins_s", "came_to"), ENDS)
 def test_every_ending_is_true_and_leaves_the_robot_off(
-    executor: str, fault: str, scenario: str, begins_s: float, came_to: str, planned: Planned
+    executor: str, fault: str, scenario: str, begins_s: float, came_to: str
 ) -> None:
     found = attacked(planned(scenario, robot=ARC), executor, fault, 1, begins_s)
     assert found["came_to"] == came_to, found
@@ -108,7 +108,7 @@ class Hooked(ForeignRobot):
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGUSR1", "SIGALRM"])
-def test_a_signal_that_ends_the_program_stops_the_robot_first(name: str, planned: Planned) -> None:
+def test_a_signal_that_ends_the_program_stops_the_robot_first(name: str) -> None:
     made, number = planned("rigid-move", robot=ARC), getattr(signal, name)
     robot, before = Hooked(made.problem), signal.getsignal(number)
     robot.hook = partial(os.kill, os.getpid(), number)
@@ -119,9 +119,7 @@ def test_a_signal_that_ends_the_program_stops_the_robot_first(name: str, planned
 
 
 @pytest.mark.parametrize("swallowed", [True, False])
-def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(
-    swallowed: bool, planned: Planned
-) -> None:
+def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(swallowed: bool) -> None:
     """CasADi makes other errors of it, or none."""
     made = planned("rigid-move", robot=ARC)
     robot = Hooked(made.problem)
@@ -153,9 +151,7 @@ class Deaf(ForeignRobot):
 
 
 @pytest.mark.parametrize("fails", [3, 50])
-def test_a_stop_is_tried_again_and_one_that_never_gets_through_is_told(
-    fails: int, planned: Planned
-) -> None:
+def test_a_stop_is_tried_again_and_one_that_never_gets_through_is_told(fails: int) -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Deaf(made.problem)
     robot.fails = fails
@@ -167,7 +163,7 @@ def test_a_stop_is_tried_again_and_one_that_never_gets_through_is_told(
 
 
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])
-def test_a_caller_that_raises_stops_the_robot(executor: str, planned: Planned) -> None:
+def test_a_caller_that_raises_stops_the_robot(executor: str) -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Hooked(made.problem)
 
@@ -194,9 +190,7 @@ class Moved(Hooked):
         self.q = self.q + np.array([0.15, 0.1, 0.2, 0.0, 0.0])
 
 
-def test_a_robot_that_was_moved_is_found_again_and_stands_while_somebody_plans(
-    planned: Planned,
-) -> None:
+def test_a_robot_that_was_moved_is_found_again_and_stands_while_somebody_plans() -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Moved(made.problem)
     run = Executor(robot, meanwhile=robot.meanwhile).run(made)
@@ -206,7 +200,7 @@ def test_a_robot_that_was_moved_is_found_again_and_stands_while_somebody_plans(
     assert robot.planning_m == 0.0
 
 
-def test_a_planner_that_raises_leaves_the_robot_off(planned: Planned) -> None:
+def test_a_planner_that_raises_leaves_the_robot_off() -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Moved(made.problem)
 
@@ -218,7 +212,7 @@ def test_a_planner_that_raises_leaves_the_robot_off(planned: Planned) -> None:
     assert robot.off
 
 
-def test_a_goal_that_was_reached_unseen_is_not_called_reached(planned: Planned) -> None:
+def test_a_goal_that_was_reached_unseen_is_not_called_reached() -> None:
     """The camera dies while the robot looks where it has come to."""
     made = planned("rigid-move", robot=ARC)
     robot = ForeignRobot(made.problem, 0, "dead camera", made.duration_s + 1.0)

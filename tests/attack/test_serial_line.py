@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest
-from conftest import Planned
+from once import planned
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
@@ -25,9 +25,7 @@ UNREADABLE: dict[str, Reports] = {
 
 @pytest.mark.parametrize("kind", UNREADABLE)
 @pytest.mark.parametrize("confirm", list(Confirm))
-def test_reports_that_nobody_can_read_are_not_heated_by_trust(
-    kind: str, confirm: Confirm, planned: Planned
-) -> None:
+def test_reports_that_nobody_can_read_are_not_heated_by_trust(kind: str, confirm: Confirm) -> None:
     plan = planned("paper-2", transition_quantile=0.9)
     firmware = SimulatedFirmware(plan, reports=UNREADABLE[kind], regulates=False)
     with pytest.raises(StreamError, match="segment 1: nobody can read the temperatures"):
@@ -38,7 +36,7 @@ def test_reports_that_nobody_can_read_are_not_heated_by_trust(
     assert firmware.hottest_C < 35.0
 
 
-def test_a_report_every_seven_seconds_is_not_none(planned: Planned) -> None:
+def test_a_report_every_seven_seconds_is_not_none() -> None:
     plan = planned("paper-2", transition_quantile=0.9)
 
     def rare(time_s: float, segment: int, temperature_C: float) -> bytes:
@@ -61,7 +59,7 @@ def catchable() -> list[signal.Signals]:
     return [item for item in names if signal.getsignal(item) is not signal.SIG_IGN]
 
 
-def test_every_signal_that_can_be_caught_stops_the_robot_first(planned: Planned) -> None:
+def test_every_signal_that_can_be_caught_stops_the_robot_first() -> None:
     plan = planned("rigid-move")
     assert {signal.SIGTSTP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGALRM} <= {*catchable()}
     for number in catchable():

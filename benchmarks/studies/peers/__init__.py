@@ -125,8 +125,10 @@ def isolated(limit_s: float, function: Callable[..., PlanRecord], *args: Any) ->
     Raises:
         BrokenProcessPool: If the process crashed, or was ended after ``limit_s`` of wall time.
     """
-    # A fork of this process would inherit HiGHS' scheduler without its threads.
-    context = get_context("spawn")
+    # A fork of this process would inherit HiGHS' scheduler without its threads: of one that has
+    # imported everything, and done nothing.
+    context = get_context("forkserver")
+    context.set_forkserver_preload([__name__])
     with ProcessPoolExecutor(1, context, initializer=_begin, initargs=(limit_s,)) as pool:
         return pool.submit(function, *args).result()
 
