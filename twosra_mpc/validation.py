@@ -144,7 +144,9 @@ class Value(BaseModel):
 
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
-        return type(self)(**{**dict(self), **changes})
+        own = dict(self)
+        same = all(name in own and value is own[name] for name, value in changes.items())
+        return self if same else type(self)(**{**own, **changes})
 
     def __copy__(self) -> Self:
         """Copy the fields, and nothing that was worked out of them: ``model_copy`` changes some."""

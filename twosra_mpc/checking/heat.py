@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,7 @@ from twosra_mpc.problem.tolerances import (
     TIME_TOLERANCE_S,
 )
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import segment_model
-from twosra_mpc.thermal.model import SegmentModel, State, replayed
+from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
@@ -73,8 +71,7 @@ def _by_curve(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
 def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[str]:
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
     problem, samples = trajectory.problem, trajectory.samples
-    model = segment_model(problem.robot, problem.ambient, segment)
-    states = heated_states(samples, segment, model, problem.temperatures[segment])
+    model, states = problem.segment_models[segment], trajectory.metal[segment]
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own, model, states)
@@ -221,15 +218,6 @@ def _missed(model: SegmentModel) -> float:
     """By how much replayed currents may miss a level."""
     share = LEVEL_TOLERANCE + model.replay_tolerance
     return share * (model.liquid_level - model.solid_level)
-
-
-@lru_cache(8)  # what a plan costs, and whether it is one, both ask for them
-def heated_states(
-    samples: Samples, segment: int, model: SegmentModel, temperature_C: float
-) -> tuple[Array, ...]:
-    """Values of a segment's state at every sample, from its temperature at t = 0."""
-    currents = samples.heater_current_A[:, segment]
-    return replayed(model, model.initial(temperature_C), samples.t_s, currents)
 
 
 def _at(states: Sequence[Array], row: int) -> State:

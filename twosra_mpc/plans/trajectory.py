@@ -24,6 +24,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.thermal.model import replayed
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
@@ -215,6 +216,17 @@ class Trajectory(ArrayValue):
         """Speeds and accelerations where the samples move: their limits, wheels and effort."""
         held, dt_s = self.samples, np.append(np.diff(self.samples.t_s), 0.0)
         return driven(self.problem.robot, held.q, held.v, held.a, dt_s, held.mode)
+
+    @cached_property
+    def metal(self) -> tuple[tuple[Array, ...], ...]:
+        """Values of each segment's state at the samples, as their currents make it from t = 0."""
+        held, problem = self.samples, self.problem
+        each = zip(
+            problem.segment_models, problem.temperatures, held.heater_current_A.T, strict=True
+        )
+        return tuple(
+            replayed(model, model.initial(now), held.t_s, own) for model, now, own in each
+        )
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:

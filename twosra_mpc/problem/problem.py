@@ -37,7 +37,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.timing import Timing
-from twosra_mpc.thermal.model import thresholds_C
+from twosra_mpc.thermal.model import SegmentModel, thresholds_C
 from twosra_mpc.validation import (
     MOST_SEGMENTS,
     Celsius,
@@ -317,8 +317,7 @@ class Problem(Value):
 
     def _too_weak_a_heater(self) -> Iterator[InputError]:
         heater, air = self.robot.heater, self.ambient
-        for j, now in enumerate(self.temperatures):
-            model = segment_model(self.robot, air, j)
+        for model, now in zip(self.segment_models, self.temperatures, strict=True):
             setpoint = model.level_at(heater.soft_setpoint_C)
             coldest = model.initial(min(air, now))
             if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
@@ -344,6 +343,16 @@ class Problem(Value):
         """Temperatures of the segments at t = 0 [C]."""
         return self.start.temperature_C or (self.ambient,) * self.robot.coordinates.segments
 
+    @cached_property
+    def segment_models(self) -> tuple[SegmentModel, ...]:
+        """Thermal model of each segment in this air.
+
+        Raises:
+            InputError: If the robot file has no ``[segment]``.
+        """
+        segments = range(self.robot.coordinates.segments)
+        return tuple(segment_model(self.robot, self.ambient, j) for j in segments)
+
     @property
     def stiffness_thresholds_C(self) -> tuple[float, float]:
         """Temperatures up to which every segment is solid, and from which on liquid [C]."""
@@ -353,20 +362,17 @@ class Problem(Value):
     @cached_property
     def segment_thresholds_C(self) -> tuple[tuple[float, float], ...]:
         """Temperatures up to which each segment is solid, and from which on it is liquid [C]."""
-        segments = range(self.robot.coordinates.segments)
         if self._thermal:
-            models = (segment_model(self.robot, self.ambient, j) for j in segments)
-            return tuple(map(thresholds_C, models))
-        return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
+            return tuple(map(thresholds_C, self.segment_models))
+        return ((self.robot.heater.melting_point_C,) * 2,) * self.robot.coordinates.segments
 
     @cached_property
     def replay_tolerance(self) -> float:
         """Share of a transition's time by which replayed heater currents may miss it."""
-        segments = range(self.robot.coordinates.segments if self._thermal else 0)
-        models = (segment_model(self.robot, self.ambient, j) for j in segments)
+        models = self.segment_models if self._thermal else ()
         return max((model.replay_tolerance for model in models), default=0.0)
 
-    @property
+    @cached_property
     def world(self) -> World:
         """What is around the robot, but for objects."""
         return World(**{name: getattr(self, name) for name in World.model_fields})

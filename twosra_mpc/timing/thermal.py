@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
-from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.thermal.heating import (
@@ -59,7 +58,7 @@ class Thermal(TransitionModel):
 
     def _plan(self, segment: int) -> HeatingPlan:
         problem, heater = self.problem, self.problem.robot.heater
-        model = segment_model(problem.robot, problem.ambient, segment)
+        model = problem.segment_models[segment]
         solid_below_C, _ = problem.segment_thresholds_C[segment]
         warm = KeepWarm(solid_below_C - KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
         # A heater that the segments share may be needed elsewhere.
