@@ -116,10 +116,11 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
         after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
         far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, same, strict=True))
         alone = variant.reaching(first) if not found and first.reaches else None
+        bend = bending_task(alone) if alone else _bend(problem, before, after)
         found.append(
             StageBounds(
-                change=_changes(problem, after),
-                bend=bending_task(alone) if alone else _bend(problem, before, after),
+                change=bend.met if alone and bend else _changes(problem, after),
+                bend=bend,
                 modes=asked.modes,
                 last=asked.last,
                 most_phases=_most_phases(asked) if several else problem.max_phases,

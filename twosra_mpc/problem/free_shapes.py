@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.model.cache import per_body
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.robot.coordinates import Array
@@ -65,13 +66,21 @@ def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bo
 
     Boxes reach ``half`` (n,) to each side of them.
     """
+    names, steep = _steepness(body, bool(half.any()))
     margins = shape_margins(body, middles)
-    forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
-    if half.any():  # of single shapes it is known how steep a limit is, or not
-        forbids = [limit for limit in forbids if limit.steep is not None]
-    steep = np.array(
-        [limit.steep(body) if limit.steep else np.ones(len(half)) for limit in forbids]
-    )
-    margin = np.array([margins[limit.name] for limit in forbids])
+    margin = np.array([margins[name] for name in names])
     left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
     return left, np.all(margin + (steep @ half)[:, None] >= 0, axis=0)
+
+
+@per_body(2)
+def _steepness(body: Body, boxes: bool) -> tuple[list[str], Array]:
+    """Limits that forbid shapes, and how much each margin changes per curvature, (limits, n).
+
+    Of single shapes also those of which that is not known: they count as the curvature does.
+    """
+    forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
+    known = [limit for limit in forbids if limit.steep is not None or not boxes]
+    alike = np.ones(body.geometry.segments)
+    steep = [limit.steep(body) if limit.steep else alike for limit in known]
+    return [limit.name for limit in known], np.array(steep)

@@ -138,15 +138,17 @@ class SoFar:
             times = earliest_times(_timed(network, durations))
             assert times is not None, "what is not refused has a schedule"
             return times[network.layout.finish] + self._fixed_cost(network) + onward
-        least = self._least_time(stage, whole, durations, motion_s)
+        network = self._settling(stage, whole)
+        least = _least_time(network, durations, motion_s)
         for j in missing:
+            longer = ((*whole, mode) for mode in stage.modes if mode[j])
             first = [
-                self._least_time(stage, (*whole, mode), durations, motion_s)
-                for mode in stage.modes
-                if mode[j]
+                _least_time(self._settling(stage, each), durations, motion_s)
+                for each in longer
+                if self.timing.refusal(each, stage.rigid) is None
             ]
             least = max(least, min(first, default=math.inf))
-        return least + self._least_fixed_cost(stage, whole, missing)
+        return least + self._least_fixed_cost(stage, network, missing)
 
     def _onward(self, stage: StageBounds, mode: Mode, missing: frozenset[int]) -> float | None:
         """Least cost of the melts and freezes on to the end of a stage, if it can be told."""
@@ -170,34 +172,11 @@ class SoFar:
         settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
         return self.timing.network(sequence, settled, [0.0] * len(sequence))
 
-    def _least_time(
-        self,
-        stage: StageBounds,
-        sequence: ModeSequence,
-        durations: Sequence[float],
-        motion_s: float | None,
-    ) -> float:
-        """Duration of the transitions of ``sequence``, which every completion has to make too.
-
-        And of the motion of every plan, while none of them is on its plateau, if that is known.
-
-        Completions of a node append phases. Those before the melt of a segment that was solid so
-        far delay it, and the freeze after it; the other segment has to freeze in any case.
-        """
-        if self.timing.refusal(sequence, stage.rigid) is not None:
-            return math.inf
-        network = self._settling(stage, sequence)
-        times = earliest_times(_timed(network, durations))
-        if times is None:
-            return math.inf
-        least = times[network.layout.finish]
-        return max(least, motion_s + resting_s(network)) if motion_s else least
-
     def _least_fixed_cost(
-        self, stage: StageBounds, sequence: ModeSequence, missing: list[int]
+        self, stage: StageBounds, network: TemporalNetwork, missing: list[int]
     ) -> float:
         """Cost of the melts and freezes of a node and of those that must still follow."""
-        cost, last = self._fixed_cost(self._settling(stage, sequence)), stage.last
+        cost, last = self._fixed_cost(network), stage.last
         for j in missing:  # no melt of it came before: what it takes is that from t = 0
             mode = tuple(int(k == j) for k in range(len(stage.change)))
             melt = self.timing.network((mode,), mode, [0.0])
@@ -209,6 +188,23 @@ class SoFar:
         """Cost of melts and freezes besides the time they take."""
         energy = self.weights.energy_s_per_J * network.melt_energy_J
         return energy + self.weights.transition_s * network.transitions
+
+
+def _least_time(
+    network: TemporalNetwork, durations: Sequence[float], motion_s: float | None
+) -> float:
+    """Duration of the transitions of a sequence, which every completion has to make too.
+
+    And of the motion of every plan, while none of them is on its plateau, if that is known.
+
+    Completions of a node append phases. Those before the melt of a segment that was solid so
+    far delay it, and the freeze after it; the other segment has to freeze in any case.
+    """
+    times = earliest_times(_timed(network, durations))
+    if times is None:
+        return math.inf
+    least = times[network.layout.finish]
+    return max(least, motion_s + resting_s(network)) if motion_s else least
 
 
 def _timed(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:
