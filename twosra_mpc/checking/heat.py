@@ -121,8 +121,7 @@ def _command_problems(
     given = samples.heater_setpoint_C[:, segment], samples.heater_current_A[:, segment]
     sides = [commands(held - off_s), commands(held + off_s)]
     setpoint, current = (
-        np.min([np.abs(np.nan_to_num(side[i] - given[i])) for side in sides], axis=0)
-        > COMMAND_TOLERANCE
+        np.all([np.abs(side[i] - given[i]) > COMMAND_TOLERANCE for side in sides], axis=0)
         for i in range(2)
     )
     if setpoint.any():

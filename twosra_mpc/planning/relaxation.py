@@ -225,9 +225,9 @@ def bending_task(problem: Problem) -> BendingTask:
 
     @lru_cache(64)  # many sequences lead through the same shapes
     def shapeless(within: Intervals) -> bool:
-        least, most = map(facts.curvatures, zip(*within, strict=True))
-        box = np.subtract(least, BEYOND_PER_M), np.add(most, BEYOND_PER_M)
-        return look_for_shape(problem.robot, *box).forbidden
+        ends = [facts.curvature(np.array(w), j) for j, w in enumerate(within)]
+        least, most = np.stack(ends, axis=-1)
+        return look_for_shape(problem.robot, least - BEYOND_PER_M, most + BEYOND_PER_M).forbidden
 
     return BendingTask(
         change=_intervals(least_w - origin, most_w - origin),

@@ -18,7 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
 from twosra_mpc.model.flow import screws
 from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.model.rows import by_rows
+from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
@@ -224,9 +224,7 @@ class Trajectory(ArrayValue):
         each = zip(
             problem.segment_models, problem.temperatures, held.heater_current_A.T, strict=True
         )
-        return tuple(
-            replayed(model, model.initial(now), held.t_s, own) for model, now, own in each
-        )
+        return tuple(replayed(model, model.initial(now), held.t_s, own) for model, now, own in each)
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
@@ -312,7 +310,7 @@ def wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> A
     moving = v.any(axis=1)
     if moving.any():
         rows = q[moving], v[moving], mode[moving]
-        (speeds[moving],) = by_rows(wheel_travel(robot), *rows)
+        (speeds[moving],) = by_modes(wheel_travel(robot), *rows)
     return speeds
 
 
