@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.problem import limits
@@ -19,6 +19,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Body, Robot
 
 _MOST = 4096  # boxes of a size; where more are left, nothing is proved
+_SIDES = np.array([-1.0, 1.0])[:, None, None]
 
 
 class Looked(NamedTuple):
@@ -44,33 +45,25 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
         high: Largest.
     """
     body, best, least = robot.body, np.zeros(0), -np.inf
-    most, sides = body.limits.curvature_per_m, np.array([[-1.0], [1.0]])
+    most = body.limits.curvature_per_m
     lower, upper = np.clip([low, high], -most, most)
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
     while 0 < len(middles) <= _MOST:
-        left_per_m, possible = _left(body, middles, half)
+        names, steep = _steepness(body, bool(half.any()))
+        margins = shape_margins(body, middles)
+        margin = np.array([margins[name] for name in names])
+        left_per_m = (margin / steep.max(axis=1)[:, None]).min(axis=0)
         at = int(left_per_m.argmax())
         if left_per_m[at] > least:
             best, least = middles[at], left_per_m[at]
         if least >= 0:
             break
+        possible = (margin + (steep @ half)[:, None] >= 0).all(axis=0)
         widest = np.eye(len(half))[(half * body.geometry.lengths_m).argmax()]
         half = half * (1 - widest / 2)
-        aside = sides[:, None] * half * widest
+        aside = _SIDES * half * widest
         middles = (middles[possible] + aside).reshape(-1, len(half))
     return Looked(best, bool(least >= 0), not len(middles))
-
-
-def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """By how much shapes (m, n) may bend within all limits, and which of their boxes may hold one.
-
-    Boxes reach ``half`` (n,) to each side of them.
-    """
-    names, steep = _steepness(body, bool(half.any()))
-    margins = shape_margins(body, middles)
-    margin = np.array([margins[name] for name in names])
-    left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
-    return left, np.all(margin + (steep @ half)[:, None] >= 0, axis=0)
 
 
 @per_body(2)

@@ -131,7 +131,8 @@ class SoFar:
             durations: Least durations of the first phases [s].
             motion_s: Least time in which every plan moves [s], where that is known.
         """
-        missing = [j for j in range(len(stage.change)) if self._must_soften(stage, whole, j)]
+        so_far = (self.nodes.first, *whole)  # every completion melts what was solid all the time
+        missing = [j for j in stage.must_bend if not any(mode[j] for mode in so_far)]
         onward = self._onward(stage, whole[-1], frozenset(missing))
         if onward is not None:
             network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
@@ -160,12 +161,6 @@ class SoFar:
             known = (each for each in found if each is not None)
             self._onwards[key] = min(known, default=None)
         return self._onwards[key]
-
-    def _must_soften(self, stage: StageBounds, whole: ModeSequence, segment: int) -> bool:
-        """Whether every completion melts a segment that was solid all the time."""
-        if stage.bend is None or self.nodes.first[segment] or any(mode[segment] for mode in whole):
-            return False
-        return stage.bend.must_bend(segment)
 
     def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
         charge(Cost.NETWORK, len(sequence))
