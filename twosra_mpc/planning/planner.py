@@ -30,7 +30,6 @@ from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed
 from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.planning.solver.sequence_solver import (
-    Check,
     SequenceSolver,
     Solved,
     StageSolver,
@@ -140,26 +139,44 @@ def _search(
     if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
-    for guessed in [checked] if inside else [trusted, checked]:
-        result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
-        lend_overtime()
-        if result.solution is None:
-            break
-        result = replace(result, solution=result.solution.with_plan())
-        if result.solution is not None and result.solution.verifies:
-            break
-        result = replace(result, solution=None)  # a guess that is no plan
-        if result.ending is Ending.INTERRUPTED:  # nobody waits for another search
-            break
+    solver: StageSolver = SequenceSolver(variants, checked if inside else trusted)
+    if problem.passes or problem.obstacles or problem.objects:
+        from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
+
+        solver = Placer(variants, checked)
+    tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
+    aimed, narrower = tree, [variant.aimed() for variant in variants]
+    if narrower != list(variants):
+        aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
+    result = branch_and_bound(
+        tree,
+        gap=problem.gap,
+        out_of_time=out_of_effort,
+        on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
+        incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
+        look=lambda: None if tree.nodes.only else _look(aimed),
+        proved=lambda bound: forgiven(bound, problem.replay_tolerance),
+        confirm=_confirmed,
+    )
     stats = Stats(
         wall_s=time.perf_counter() - started,
         sequences_bounded=result.bounded,
         sequences_solved=result.solved,
-        nlp_iterations=iterations,
+        nlp_iterations=solver.iterations,
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
     return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
+
+
+def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
+    """The outcome with a plan that is verified; None if it has none, and may be searched on."""
+    result = as_asked(found)
+    lend_overtime()
+    made = None if result.solution is None else result.solution.with_plan()
+    if made is not None and made.verifies:
+        return replace(result, solution=made)
+    return replace(result, solution=None) if result.ending is Ending.INTERRUPTED else None
 
 
 def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
@@ -182,35 +199,6 @@ def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
         status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
     stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
     return Result(problem, "optimal", status, why, None, ending, stats, None)
-
-
-def _searched(
-    problem: Problem,
-    variants: Sequence[Variant],
-    excluded: frozenset[ModeSequence],
-    guessed: Check,
-    on_progress: Callable[[Progress], None] | None,
-) -> tuple[SearchResult[Solved], Tree[Solved], int]:
-    """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
-    solver: StageSolver = SequenceSolver(variants, guessed)
-    if problem.passes or problem.obstacles or problem.objects:
-        from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
-
-        solver = Placer(variants, checked)
-    tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
-    aimed, narrower = tree, [variant.aimed() for variant in variants]
-    if narrower != list(variants):
-        aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
-    result = branch_and_bound(
-        tree,
-        gap=problem.gap,
-        out_of_time=out_of_effort,
-        on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
-        look=lambda: None if tree.nodes.only else _look(aimed),
-        proved=lambda bound: forgiven(bound, problem.replay_tolerance),
-    )
-    return as_asked(result), tree, solver.iterations
 
 
 def _drive(tree: Tree[Solved]) -> tuple[float, Solved] | None:
