@@ -13,6 +13,7 @@ from twosra_mpc.checking.sweep import Clearance, Sweep, stages, swept
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE
 from twosra_mpc.problem.tolerances import ROUNDING
+from twosra_mpc.robot.coordinates import Array
 
 
 class Around(NamedTuple):
@@ -29,14 +30,21 @@ class Around(NamedTuple):
     tasks: tuple[str, ...]
 
 
-def examine_around(trajectory: Trajectory) -> Around:
-    """Check the clearance to obstacles, the travel while soft, and the tasks before the goal."""
+def examine_around(trajectory: Trajectory, reached: Array) -> Around:
+    """Check the clearance to obstacles, the travel while soft, and the tasks before the goal.
+
+    Args:
+        trajectory: The plan.
+        reached: Configurations at its samples, integrated anew, (rows, 3 + n).
+    """
     problem = trajectory.problem
     in_the_way = bool(problem.obstacles or problem.objects)
     if not in_the_way and not problem.tasks:
         return Around({}, {}, ())
-    sweep = swept(problem, trajectory.samples)
-    if sweep is None:  # it is anywhere
+    sweep: Sweep | None = Sweep(trajectory.samples.t_s, reached, np.full(len(reached), np.inf))
+    if in_the_way or not all(task.rests for task in problem.tasks):  # else samples are enough
+        sweep = swept(problem, trajectory.samples)
+    if sweep is None or not np.isfinite(sweep.q).all():  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
         return Around({CLEARANCE: -1.0} if in_the_way else {}, {CLEARANCE: lost}, ())
     if wrong := tuple(times_wrong(trajectory)):

@@ -19,7 +19,7 @@ from twosra_mpc.problem.limits import (
     shape_margins,
     workspace_margins,
 )
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
@@ -101,7 +101,7 @@ def ends_to_check(problem: Problem) -> Iterator[tuple[str, Array]]:
         yield "goal", ends
 
 
-def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
+def may_drive(problem: Problem | Alone, sequence: ModeSequence) -> tuple[bool, ...]:
     """For each phase, whether its inputs may be used: in some shapes rigid driving may not.
 
     The shape of the first rigid phase is the start's, of the last one the goal's; in between it is

@@ -21,7 +21,7 @@ from twosra_mpc.model.kinematics import kinematics, wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.model.rows import by_modes, by_rows
 from twosra_mpc.model.self_collision import FAR_M, self_collision
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
     CURVATURE_TOLERANCE_PER_M,
@@ -301,7 +301,7 @@ def outline_at(robot: Robot, q: Array) -> Array:
     return points.reshape(len(q), -1, 2)
 
 
-def workspace_margins(problem: Problem, q: Array, points: Array | None = None) -> Array:
+def workspace_margins(problem: Problem | Alone, q: Array, points: Array | None = None) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     BeforeValidator,
@@ -100,6 +100,15 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
 
 
 AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
+
+
+class Alone(NamedTuple):
+    """One stretch of a problem: from a start to a goal, whatever else is asked."""
+
+    robot: Robot
+    start: Start
+    goal: GoalSet
+    workspace: Workspace | None
 
 
 class Problem(Value):

@@ -35,7 +35,7 @@ from twosra_mpc.planning.stages.placements import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
@@ -268,7 +268,7 @@ def _motion(
     """A stage from a configuration to its goal; None if it does not get there."""
     x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
     start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
-    alone = problem.with_values(start=start, goal=goal, tasks=())
+    alone = Alone(problem.robot, start, goal, problem.workspace)
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)
