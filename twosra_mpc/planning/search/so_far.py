@@ -72,7 +72,7 @@ class SoFar:
 
     def _passes(self, over: Whole) -> Past:
         joined = over.joined
-        if (reason := self._impossible(over)) is not None:
+        if (reason := self.impossible(over)) is not None:
             return Past(math.inf, reason=reason)
         durations = self.durations(over)
         if not all(map(math.isfinite, durations)):
@@ -84,7 +84,7 @@ class SoFar:
         cost = times[network.layout.finish] + self._fixed_cost(network)
         return Past(cost, joined, tuple(durations))
 
-    def _impossible(self, over: Whole) -> str | None:
+    def impossible(self, over: Whole) -> str | None:
         """Why these sequences cannot be, as far as that is told without times."""
         pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
@@ -110,9 +110,10 @@ class SoFar:
     def _stranded(self, over: Whole) -> bool:
         """Whether the last stage is too far away for blocks alone, and there is no drive."""
         done, stages = len(over.sequences), self.nodes.variants[over.variant]
-        since = slice(done - stages[done - 1].since, done)
-        way = Way().then(over.sequences[since], stages[since])
-        return self.to_go.too_far(stages[done - 1], way)
+        last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
+        if not last.distance_m:
+            return False
+        return self.to_go.too_far(last, Way().then(over.sequences[since], stages[since]))
 
     # --- The stage that is open
 
