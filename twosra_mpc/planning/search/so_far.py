@@ -27,6 +27,9 @@ class Past(NamedTuple):
     reason: str | None = None
 
 
+NOTHING_YET = Past(0.0)
+
+
 @dataclass
 class SoFar:
     """Bounds of what comes first in a plan.
@@ -53,7 +56,7 @@ class SoFar:
     def past(self, over: Whole) -> Past:
         """What the first stages take with these sequences."""
         if over not in self._past:
-            self._past[over] = self._passes(over) if over.sequences else Past(0.0)
+            self._past[over] = self._passes(over)
         return self._past[over]
 
     def durations(self, over: Whole) -> list[float]:

@@ -13,7 +13,7 @@ from twosra_mpc.planning.bounds.stages_bound import StageRelaxation
 from twosra_mpc.planning.search.in_the_way import InTheWay
 from twosra_mpc.planning.search.leaves import Leaves
 from twosra_mpc.planning.search.nodes import Node, Nodes, Whole
-from twosra_mpc.planning.search.so_far import Past, SoFar
+from twosra_mpc.planning.search.so_far import NOTHING_YET, Past, SoFar
 from twosra_mpc.planning.search.to_go import Alone, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
@@ -90,7 +90,7 @@ class Tree(Generic[Solution]):
         """Every completion passes through the events of ``node``; what comes then takes longer."""
         if node.variant < 0:
             return 0.0
-        past = self._past(Whole(*node[:2]))
+        past = self._past(Whole(*node[:2])) if node.sequences else NOTHING_YET
         if past.cost == math.inf or (opened := self.nodes.open_stage(node)) is None:
             return past.cost
         stage, begins = opened
