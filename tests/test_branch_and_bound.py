@@ -143,6 +143,23 @@ def test_the_bound_stays_valid_with_local_solves_depth_limits_and_time_limits(
     assert (result.solution is None) == (result.cost == math.inf)
 
 
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(costs=COSTS, wrong=st.sets(PATHS, max_size=10))
+def test_the_best_is_found_of_the_solutions_that_are_confirmed(
+    costs: dict[Path, float], wrong: set[Path]
+) -> None:
+    result = branch_and_bound(
+        exact(costs, {}),
+        gap=0.0,
+        out_of_time=lambda: False,
+        on_progress=lambda cost, low: None,
+        confirm=lambda found: None if found.solution in wrong else found,
+    )
+    right = [cost for path, cost in costs.items() if path not in wrong]
+    assert result.cost == min(right, default=math.inf)
+    assert result.lower_bound == min(costs.values())
+
+
 def test_a_tighter_bound_spares_the_second_attempt() -> None:
     costs = {(0,): 5.0, (1,): 5.9}
     loose = {(): 3.0, (0,): 3.0, (1,): 3.0}

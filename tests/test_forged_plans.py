@@ -21,7 +21,6 @@ from test_verification import planned_with
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot
 from twosra_mpc.checking import reintegration
-from twosra_mpc.checking.heat import heated_states
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.reintegration import between, between_problems, reintegrate
 from twosra_mpc.checking.verification import verify
@@ -31,6 +30,7 @@ from twosra_mpc.problem.tolerances import JUMP_TOLERANCE, RATE_TOLERANCE, WHEEL_
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
+from twosra_mpc.thermal.model import replayed
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,8 @@ def column(samples: Samples, name: str, segment: int, values: Array) -> Samples:
 def remade(problem: Problem, samples: Samples, segment: int) -> Samples:
     """The samples with what their currents make of a segment."""
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = heated_states(samples, segment, model, problem.temperatures[segment])
+    begins, currents = problem.temperatures[segment], samples.heater_current_A[:, segment]
+    states = replayed(model, model.initial(begins), samples.t_s, currents)
     for name, of in (
         ("temperature_C", model.temperature_C),
         ("melt_fraction", model.melt_fraction),

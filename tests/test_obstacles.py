@@ -22,6 +22,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
 from twosra_mpc.lab.worlds.passages import decide_between
 from twosra_mpc.model.flow import roll_out
+from twosra_mpc.planning.solver import placer
 from twosra_mpc.planning.solver.block import Sweep, block
 from twosra_mpc.planning.solver.placer import Placer
 from twosra_mpc.planning.solver.sequence_solver import checked
@@ -421,7 +422,7 @@ def test_an_interrupt_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -
             seen.append(made)
         return made
 
-    monkeypatch.setattr(planner, "checked", interrupted)
+    monkeypatch.setattr(placer, "checked", interrupted)
     goal = {**RIGHT, "kappa_per_m": [20.0, -10.0]}
     result = planner.plan_until_interrupted(problem(POST, goal=goal, gap=0.0))
     assert result.ending is Ending.INTERRUPTED
@@ -442,7 +443,7 @@ def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None
     }[walls]
     base = Problem(robot=ROBOT, start=LEFT, goal=goal, motion="fastest", **given)
     made = plan(base).require()
-    placer = Placer([only_goal(base)], checked)
+    placer = Placer([only_goal(base)])
     tree = goal_tree(base, placer, placer.in_the_way)
     modes = [phase.mode for phase in made.phases]
     node = at(tuple(modes[:-1] if modes[-1] == (0, 0) else modes))
@@ -507,7 +508,7 @@ def test_three_blocks_are_placed_as_well() -> None:
     """Of one sequence, asked for by itself: no scene here needs three."""
     between = problem(POST, start={**LEFT, "y_m": 0.2}, goal={**RIGHT, "kappa_per_m": [20.0, 15.0]})
     sequence = ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0), (1, 0), (0, 0))
-    placer = Placer([only_goal(between)], checked)
+    placer = Placer([only_goal(between)])
     tree = goal_tree(between, placer, placer.in_the_way)
     node = at(sequence[:-1])
     bound = tree.leaf_bound(node)

@@ -236,7 +236,7 @@ def with_column(samples: Samples, name: str, segment: int, values: Sequence[floa
 def test_the_plan_is_checked_segment_by_segment(made: Plan) -> None:
     samples = made.trajectory.samples
     assert problems_of(made, samples) == []
-    assert energy_J(made.problem, samples) == pytest.approx(made.cost.energy_J, rel=1e-4)
+    assert energy_J(made.trajectory) == pytest.approx(made.cost.energy_J, rel=1e-4)
     assert {item.segment for item in made.transitions} == {1, 3}
     for segment in (0, 2):
         weaker = 0.9 * samples.heater_current_A[:, segment]

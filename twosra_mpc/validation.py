@@ -145,7 +145,9 @@ class Value(BaseModel):
 
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
-        return type(self)(**{**dict(self), **changes})
+        own = dict(self)
+        same = all(name in own and value is own[name] for name, value in changes.items())
+        return self if same else type(self)(**{**own, **changes})
 
     def check_growing(self, *names: str) -> None:
         """Check that each of these fields is more than the one before it.

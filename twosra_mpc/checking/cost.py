@@ -10,12 +10,10 @@ import itertools
 
 import numpy as np
 
-from twosra_mpc.checking.heat import heated_states
 from twosra_mpc.checking.reintegration import between
 from twosra_mpc.plans.plan import Cost
-from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
+from twosra_mpc.plans.trajectory import Trajectory, flown
 from twosra_mpc.problem.driven import driven
-from twosra_mpc.problem.problem import Problem
 
 _CUT = 1e-2  # m: what an input moves at most from one of the quadrature's cuts to the next
 
@@ -25,7 +23,7 @@ def cost_of(trajectory: Trajectory) -> Cost:
     problem, samples = trajectory.problem, trajectory.samples
     weights, time_s = problem.cost_weights, float(samples.t_s[-1])
     count = len(trajectory.transitions)
-    energy, effort = energy_J(problem, samples), effort_s(trajectory)
+    energy, effort = energy_J(trajectory), effort_s(trajectory)
     total = time_s + weights.energy_s_per_J * energy + weights.transition_s * count
     return Cost(total + weights.effort * effort, time_s, energy, count, effort)
 
@@ -52,18 +50,21 @@ def effort_s(trajectory: Trajectory) -> float:
     return float(mean @ lasting) / robot.limits.wheel_speed_rad_s**2
 
 
-def energy_J(problem: Problem, samples: Samples) -> float:
+def energy_J(trajectory: Trajectory) -> float:
     """Heat that the sampled currents give off in all coils [J]."""
-    t, currents = samples.t_s, samples.heater_current_A
+    problem, t = trajectory.problem, trajectory.samples.t_s
+    currents = trajectory.samples.heater_current_A
     if not problem.transition_times.needs_segment:
         squares = np.diff(t) @ currents[:-1] ** 2
         return problem.robot.heater.resistance_ohm * float(squares.sum())
     total = 0.0
-    for j, (own, model) in enumerate(zip(currents.T, problem.segment_models, strict=True)):
-        states = np.column_stack(heated_states(samples, j, model, problem.temperatures[j]))
+    for model, states, own in zip(
+        problem.segment_models, trajectory.metal, currents.T, strict=True
+    ):
         turns = [0, *(np.flatnonzero(np.diff(own[:-1])) + 1).tolist(), len(t) - 1]
         for begin, end in itertools.pairwise(turns):
             if own[begin]:
-                state, lasting = tuple(states[begin].tolist()), float(t[end] - t[begin])
+                state = tuple(float(values[begin]) for values in states)
+                lasting = float(t[end] - t[begin])
                 total += model.energy_J(state, float(own[begin]), lasting)
     return total

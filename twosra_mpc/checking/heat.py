@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from twosra_mpc.problem.tolerances import (
     TIME_TOLERANCE_S,
 )
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.thermal.model import SegmentModel, State, replayed
+from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
 from twosra_mpc.timing.transitions import own_transitions
@@ -71,8 +70,7 @@ def _by_curve(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
 def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[str]:
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
     problem, samples = trajectory.problem, trajectory.samples
-    model = problem.segment_models[segment]
-    states = heated_states(samples, segment, model, problem.temperatures[segment])
+    model, states = problem.segment_models[segment], trajectory.metal[segment]
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own, model, states)
@@ -124,8 +122,7 @@ def _command_problems(
     given = samples.heater_setpoint_C[:, segment], samples.heater_current_A[:, segment]
     sides = [commands(held - off_s), commands(held + off_s)]
     setpoint, current = (
-        np.min([np.abs(np.nan_to_num(side[i] - given[i])) for side in sides], axis=0)
-        > COMMAND_TOLERANCE
+        np.all([np.abs(side[i] - given[i]) > COMMAND_TOLERANCE for side in sides], axis=0)
         for i in range(2)
     )
     if setpoint.any():
@@ -207,18 +204,8 @@ def _missed(model: SegmentModel) -> float:
     return share * (model.liquid_level - model.solid_level)
 
 
-@lru_cache(8)  # what a plan costs, and whether it is one, both ask for them
-def heated_states(
-    samples: Samples, segment: int, model: SegmentModel, temperature_C: float
-) -> tuple[Array, ...]:
-    """Values of a segment's state at every sample, from its temperature at t = 0."""
-    currents = samples.heater_current_A[:, segment]
-    return replayed(model, model.initial(temperature_C), samples.t_s, currents)
-
-
-def _at(states: Sequence[Array], samples: Samples, when: float) -> State:
-    """The state at the sample nearest to a time."""
-    row = int(np.argmin(np.abs(samples.t_s - when)))
+def _at(states: Sequence[Array], row: int) -> State:
+    """The state at a sample."""
     return tuple(float(values[row]) for values in states)
 
 

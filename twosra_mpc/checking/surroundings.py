@@ -50,14 +50,22 @@ class Around(NamedTuple):
     tasks: tuple[str, ...]
 
 
-def examine_around(trajectory: Trajectory) -> Around:
-    """Check the clearance to obstacles, the travel while soft, and the tasks before the goal."""
+def examine_around(trajectory: Trajectory, reached: Array) -> Around:
+    """Check the clearance to obstacles, the travel while soft, and the tasks before the goal.
+
+    Args:
+        trajectory: The plan.
+        reached: Configurations at its samples, integrated anew, (rows, 3 + n).
+    """
     problem = trajectory.problem
     in_the_way = bool(problem.obstacles or problem.objects)
     if not in_the_way and not problem.tasks and problem.workspace is None:
         return Around({}, {}, ())
-    sweep = swept(problem, trajectory.samples)
-    if sweep is None:  # it is anywhere
+    sweep: Sweep | None = Sweep(trajectory.samples.t_s, reached, np.full(len(reached), np.inf))
+    fine = in_the_way or problem.workspace is not None
+    if fine or not all(task.rests for task in problem.tasks):  # else samples are enough
+        sweep = swept(problem, trajectory.samples)
+    if sweep is None or not np.isfinite(sweep.q).all():  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
         where = CLEARANCE if in_the_way else WORKSPACE
         return Around({where: -1.0}, {where: lost}, ())

@@ -95,7 +95,7 @@ def examine(trajectory: Trajectory) -> Findings:
     charge(Cost.SAMPLE, len(samples))
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
-    around = examine_around(trajectory)
+    around = examine_around(trajectory, reached)
     moving = trajectory.driven
     limits = _margins(problem, samples, moving)
     limits |= around.margins

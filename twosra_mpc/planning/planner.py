@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,10 +31,8 @@ from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed
 from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.planning.solver.sequence_solver import (
-    Check,
     SequenceSolver,
     Solved,
-    StageSolver,
     checked,
     trusted,
 )
@@ -46,6 +45,9 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
+
+if TYPE_CHECKING:
+    from twosra_mpc.planning.solver.placer import Placer
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
@@ -79,12 +81,29 @@ def plan_until_interrupted(
     problem: Problem, *, on_progress: Callable[[Progress], None] | None = None
 ) -> Result:
     """Plan as ``plan`` does, but at Ctrl-C return the best plan so far."""
+    return _within_limits(problem, lambda: _plan(problem, on_progress))
+
+
+def plan_without(problem: Problem, excluded: frozenset[ModeSequence]) -> Result:
+    """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
+    return _within_limits(problem, lambda: _search(problem, excluded))
+
+
+def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
+    """A result, or that its effort was over before, or after, the search."""
     started = time.perf_counter()
     with limited(problem.work_limit, problem.time_limit_s):
         try:
-            return _plan(problem, on_progress)
+            return make()
         except OutOfEffortError:
-            return _too_late(problem, started)
+            ending = Ending.LIMIT
+        except KeyboardInterrupt:
+            ending = Ending.INTERRUPTED
+        none = nothing_found(problem, several=len(problem.stages()) > 1)
+        message = f"{none} ({STOPPED[ending]}): {advice(ending)}"
+        stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
+    how = problem.planner, Status.FAILED, message, None, ending
+    return Result(problem, *how, stats, None)
 
 
 def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> Result:
@@ -103,99 +122,26 @@ def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> R
     return _search(problem, frozenset(), on_progress)
 
 
-def plan_without(
-    problem: Problem,
-    excluded: frozenset[ModeSequence],
-    *,
-    on_progress: Callable[[Progress], None] | None = None,
-) -> Result:
-    """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
-    started = time.perf_counter()
-    with limited(problem.work_limit, problem.time_limit_s):
-        try:
-            return _search(problem, excluded, on_progress)
-        except OutOfEffortError:
-            return _too_late(problem, started)
-
-
-def _too_late(problem: Problem, started: float) -> Result:
-    """The result where time was up before, or after, the search."""
-    message = f"no plan found ({STOPPED[Ending.LIMIT]}): {advice(Ending.LIMIT)}"
-    stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-    how = problem.planner, Status.FAILED, message, None, Ending.LIMIT
-    return Result(problem, *how, stats, None)
-
-
 def _search(
     problem: Problem,
     excluded: frozenset[ModeSequence],
-    on_progress: Callable[[Progress], None] | None,
+    on_progress: Callable[[Progress], None] | None = None,
 ) -> Result:
     """Stages, their variants, their tree and its bounds, the solver: a result."""
-    started = time.perf_counter()
-    variants = _variants(problem, started)
-    if isinstance(variants, Result):
-        return variants
+    started, ways = time.perf_counter(), Ways(problem)
+    if not (variants := ways.variants()):
+        why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
+        stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
+        how = "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED
+        return Result(problem, *how, stats, None)
     if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
-    for guessed in [checked] if inside else [trusted, checked]:
-        result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
-        lend_overtime()
-        if result.solution is None:
-            break
-        result = replace(result, solution=result.solution.with_plan())
-        if result.solution is not None and result.solution.verifies:
-            break
-        result = replace(result, solution=None)  # a guess that is no plan
-        if result.ending is Ending.INTERRUPTED:  # nobody waits for another search
-            break
-    stats = Stats(
-        wall_s=time.perf_counter() - started,
-        sequences_bounded=result.bounded,
-        sequences_solved=result.solved,
-        nlp_iterations=iterations,
-        work=spent(),
-        first_plan_work=result.first_work if result.solution else None,
-    )
-    return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
-
-
-def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
-    """The ways to solve a problem, each as stages; a result if there are none, or not in time."""
-    ways, ending, status = Ways(problem), Ending.LIMIT, Status.FAILED
-    try:
-        variants = ways.variants()
-    except OutOfEffortError:
-        variants = None
-    except KeyboardInterrupt:
-        variants, ending = None, Ending.INTERRUPTED
-    if variants:
-        return variants
-    if variants is None:
-        before = f"{STOPPED[ending]} before all ways were known"
-        none = nothing_found(problem, several=len(problem.stages()) > 1)
-        why = f"{none} ({before}): {advice(ending)}"
-    else:
-        why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
-        status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
-    stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-    return Result(problem, "optimal", status, why, None, ending, stats, None)
-
-
-def _searched(
-    problem: Problem,
-    variants: Sequence[Variant],
-    excluded: frozenset[ModeSequence],
-    guessed: Check,
-    on_progress: Callable[[Progress], None] | None,
-) -> tuple[SearchResult[Solved], Tree[Solved], int]:
-    """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
-    solver: StageSolver = SequenceSolver(variants, guessed)
+    solver: SequenceSolver | Placer = SequenceSolver(variants, checked if inside else trusted)
     if problem.passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 
-        solver = Placer(variants, checked)
+        solver = Placer(variants)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
     aimed, narrower = tree, [variant.aimed() for variant in variants]
     if narrower != list(variants):
@@ -208,8 +154,27 @@ def _searched(
         incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
         look=lambda: None if tree.nodes.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
+        confirm=_confirmed,
     )
-    return as_asked(result), tree, solver.iterations
+    stats = Stats(
+        wall_s=time.perf_counter() - started,
+        sequences_bounded=result.bounded,
+        sequences_solved=result.solved,
+        nlp_iterations=solver.iterations,
+        work=spent(),
+        first_plan_work=result.first_work if result.solution else None,
+    )
+    return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
+
+
+def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
+    """The outcome with a plan that is verified; None if it has none, and may be searched on."""
+    result = as_asked(found)
+    lend_overtime()
+    made = None if result.solution is None else result.solution.with_plan()
+    if made is not None and made.verifies:
+        return replace(result, solution=made)
+    return replace(result, solution=None) if result.ending is Ending.INTERRUPTED else None
 
 
 def _drive(tree: Tree[Solved]) -> tuple[float, Solved] | None:

@@ -35,7 +35,7 @@ from twosra_mpc.problem.limits import (
     rigid_rows,
     rigid_rows_between,
 )
-from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
@@ -106,7 +106,7 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
     """Bounds of each stage, for all members of a variant."""
     problem, members = variant.problem, variant.members
     start, several = problem.start.configuration, len(members[0]) > 1
-    before: Box = (start, start)
+    before, whole = (start, start), (problem.robot, problem.start)
     here = replace(members[0][0], ends=start[None, :POSE], within_m=0.0)
     known, begins, since = before, [here] * len(members), 1
     found = list[StageBounds]()
@@ -115,11 +115,13 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
         boxes = [each.box(before[0]) for each in same]
         after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
         far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, same, strict=True))
-        alone = variant.reaching(first) if not found and first.reaches else None
+        known_start = first.reaches and not found
+        alone = Alone(*whole, first.goal, problem.workspace) if known_start else None
+        bend = bending_task(alone) if alone else _bend(problem, before, after)
         found.append(
             StageBounds(
-                change=_changes(problem, after),
-                bend=bending_task(alone) if alone else _bend(problem, before, after),
+                change=bend.met if alone and bend else _changes(problem, after),
+                bend=bend,
                 modes=asked.modes,
                 last=asked.last,
                 most_phases=_most_phases(asked) if several else problem.max_phases,
@@ -144,7 +146,7 @@ def _most_phases(stage: Stage) -> int:
     return _MOST_TO_ANY if stage.last is None else MOST_PHASES
 
 
-def _drive(problem: Problem, alone: Problem | None, far_m: float) -> Drive:
+def _drive(problem: Problem, alone: Alone | None, far_m: float) -> Drive:
     """Proved least duration of a stage that is nothing but a drive."""
     least_s = far_m / (problem.robot.limits.speed_m_s or math.inf)
     return Drive(least_s, partial(rigid_time, alone) if alone is not None else None)
@@ -171,8 +173,7 @@ def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
     tolerance = Tolerance(kappa_per_m=tuple((widths[1] / 2).tolist()))
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=tuple(middle.tolist()))
     goal = Goal(kappa_per_m=tuple(shape.tolist()), tolerance=tolerance)
-    alone = problem.with_values(start=start, goal=goal, tasks=(), objects=())
-    task = bending_task(alone)
+    task = bending_task(Alone(problem.robot, start, goal, None))
     within = np.abs(_w(problem, *before) - task.origin).max(axis=0)
     return replace(
         task,
@@ -196,7 +197,7 @@ def _apart_m(before: Box, after: Box, begin: Placement, end: Placement) -> float
     return float(np.linalg.norm(np.maximum(gaps, 0.0)))
 
 
-def bending_task(problem: Problem) -> BendingTask:
+def bending_task(problem: Problem | Alone) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
     facts, limit = bending(problem.robot), problem.robot.limits.curvature_per_m
     here = problem.start.configuration
@@ -224,9 +225,9 @@ def bending_task(problem: Problem) -> BendingTask:
 
     @lru_cache(64)  # many sequences lead through the same shapes
     def shapeless(within: Intervals) -> bool:
-        least, most = map(facts.curvatures, zip(*within, strict=True))
-        box = np.subtract(least, BEYOND_PER_M), np.add(most, BEYOND_PER_M)
-        return look_for_shape(problem.robot, *box).forbidden
+        ends = [facts.curvature(np.array(w), j) for j, w in enumerate(within)]
+        least, most = np.stack(ends, axis=-1)
+        return look_for_shape(problem.robot, least - BEYOND_PER_M, most + BEYOND_PER_M).forbidden
 
     return BendingTask(
         change=_intervals(least_w - origin, most_w - origin),
@@ -262,7 +263,7 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
     return f"{name} from {start:zg} to {(low + high) / 2:zg}{box} 1/m"
 
 
-def pose_task(problem: Problem) -> PoseTask | None:
+def pose_task(problem: Problem | Alone) -> PoseTask | None:
     """What the plan must do to the pose; None where the goal leaves all of it free."""
     start = problem.start.configuration
     low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
@@ -284,7 +285,7 @@ def pose_task(problem: Problem) -> PoseTask | None:
     )
 
 
-def rigid_time(problem: Problem, enough: float = 0.0) -> float:
+def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s].
 
     Where the quick bound is less than ``enough`` [s], takes up to a third of a second more.

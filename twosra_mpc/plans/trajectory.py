@@ -18,7 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
 from twosra_mpc.model.flow import screws
 from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.model.rows import by_rows
+from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.stages import Stage
@@ -26,6 +26,7 @@ from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.thermal.model import replayed
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
@@ -219,6 +220,15 @@ class Trajectory(ArrayValue):
         return driven(self.problem.robot, held.q, held.v, held.a, dt_s, held.mode)
 
     @cached_property
+    def metal(self) -> tuple[tuple[Array, ...], ...]:
+        """Values of each segment's state at the samples, as their currents make it from t = 0."""
+        held, problem = self.samples, self.problem
+        each = zip(
+            problem.segment_models, problem.temperatures, held.heater_current_A.T, strict=True
+        )
+        return tuple(replayed(model, model.initial(now), held.t_s, own) for model, now, own in each)
+
+    @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
         return transition_model(self.problem).heating(self.transitions)
 
@@ -301,7 +311,7 @@ def wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> A
     moving = v.any(axis=1)
     if moving.any():
         rows = q[moving], v[moving], mode[moving]
-        (speeds[moving],) = by_rows(wheel_travel(robot), *rows)
+        (speeds[moving],) = by_modes(wheel_travel(robot), *rows)
     return speeds
 
 

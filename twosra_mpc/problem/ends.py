@@ -14,10 +14,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import unit_of
+from twosra_mpc.model.cache import per_body
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
@@ -28,7 +29,7 @@ from twosra_mpc.problem.limits import (
     shape_margins,
     workspace_margins,
 )
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
@@ -111,7 +112,7 @@ def ends_to_check(problem: Problem) -> Iterator[tuple[str, Array]]:
         yield "goal", ends
 
 
-def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
+def may_drive(problem: Problem | Alone, sequence: ModeSequence) -> tuple[bool, ...]:
     """For each phase, whether its inputs may be used: in some shapes rigid driving may not.
 
     The shape of the first rigid phase is the start's, of the last one the goal's; in between it is
@@ -133,6 +134,7 @@ def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
 
 
 _MOST = 4096  # boxes of a size; where more are left, nothing is proved
+_SIDES = np.array([-1.0, 1.0])[:, None, None]
 
 
 class Looked(NamedTuple):
@@ -158,35 +160,35 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
         high: Largest.
     """
     body, best, least = robot.body, np.zeros(0), -np.inf
-    most, sides = body.limits.curvature_per_m, np.array([[-1.0], [1.0]])
+    most = body.limits.curvature_per_m
     lower, upper = np.clip([low, high], -most, most)
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
     while 0 < len(middles) <= _MOST:
-        left_per_m, possible = _left(body, middles, half)
+        names, steep = _steepness(body, bool(half.any()))
+        margins = shape_margins(body, middles)
+        margin = np.array([margins[name] for name in names])
+        left_per_m = (margin / steep.max(axis=1)[:, None]).min(axis=0)
         at = int(left_per_m.argmax())
         if left_per_m[at] > least:
             best, least = middles[at], left_per_m[at]
         if least >= 0:
             break
+        possible = (margin + (steep @ half)[:, None] >= 0).all(axis=0)
         widest = np.eye(len(half))[(half * body.geometry.lengths_m).argmax()]
         half = half * (1 - widest / 2)
-        aside = sides[:, None] * half * widest
+        aside = _SIDES * half * widest
         middles = (middles[possible] + aside).reshape(-1, len(half))
     return Looked(best, bool(least >= 0), not len(middles))
 
 
-def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """By how much shapes (m, n) may bend within all limits, and which of their boxes may hold one.
+@per_body(2)
+def _steepness(body: Body, boxes: bool) -> tuple[list[str], Array]:
+    """Limits that forbid shapes, and how much each margin changes per curvature, (limits, n).
 
-    Boxes reach ``half`` (n,) to each side of them.
+    Of single shapes also those of which that is not known: they count as the curvature does.
     """
-    margins = shape_margins(body, middles)
     forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
-    if half.any():  # of single shapes it is known how steep a limit is, or not
-        forbids = [limit for limit in forbids if limit.steep is not None]
-    steep = np.array(
-        [limit.steep(body) if limit.steep else np.ones(len(half)) for limit in forbids]
-    )
-    margin = np.array([margins[limit.name] for limit in forbids])
-    left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
-    return left, np.all(margin + (steep @ half)[:, None] >= 0, axis=0)
+    known = [limit for limit in forbids if limit.steep is not None or not boxes]
+    alike = np.ones(body.geometry.segments)
+    steep = [limit.steep(body) if limit.steep else alike for limit in known]
+    return [limit.name for limit in known], np.array(steep)

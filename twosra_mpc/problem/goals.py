@@ -243,9 +243,10 @@ class Goal(GoalSet):
     def box(self, near: Array) -> tuple[Array, Array]:
         """Ends of the box, infinite where free, headings turned next to that of ``near``."""
         middle = self._turned_to(near)
-        free = np.where(np.isnan(middle), np.inf, self.half_width)
-        middle = np.nan_to_num(middle)
-        return middle - free, middle + free
+        free = np.isnan(middle)
+        width = np.where(free, np.inf, self.half_width)
+        middle[free] = 0.0
+        return middle - width, middle + width
 
     def _turned_to(self, q: Array) -> Array:
         """The middle of the box with its heading within half a turn of that of ``q``."""

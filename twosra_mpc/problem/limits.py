@@ -19,9 +19,9 @@ from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
-from twosra_mpc.model.rows import by_rows
+from twosra_mpc.model.rows import by_modes, by_rows
 from twosra_mpc.model.self_collision import FAR_M, self_collision
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
     CURVATURE_TOLERANCE_PER_M,
@@ -278,7 +278,7 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     return allowed
 
 
-def workspace_margins(problem: Problem, q: Array) -> Array:
+def workspace_margins(problem: Problem | Alone, q: Array) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
@@ -345,7 +345,7 @@ def least_times_and_turns(
 
     And how far each wheel turns, (m, 4) [rad].
     """
-    signed = by_rows(speed_function(robot), q, s, mode)
+    signed = by_modes(speed_function(robot), q, s, mode)
     turns = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
     return np.abs(np.hstack(signed)).max(axis=1), turns
 
@@ -375,10 +375,11 @@ def shapes_allowed(motion: Motion, still: float) -> bool:
     """
     kappa = motion.states[:, :, POSE:]
     between = (kappa[:, 1:] + kappa[:, :-1]) / 2
-    visited = [shapes.reshape(-1, kappa.shape[2]) for shapes in (kappa, between)]
+    bends = ~np.array([is_rigid(mode) for mode in motion.sequence])
+    visited = [shapes.reshape(-1, kappa.shape[2]) for shapes in (kappa[bends], between[bends])]
     moved = np.abs(motion.inputs).max(axis=(1, 2)) > still
     drives = [is_rigid(mode) and far for mode, far in zip(motion.sequence, moved, strict=True)]
-    if broken_by_shapes(motion.robot, np.concatenate(visited)) is not None:
+    if broken_by_shapes(motion.robot, np.concatenate([kappa[:, 0], *visited])) is not None:
         return False
     return bool(may_drive_in(motion.robot, kappa[drives, 0]).all()) if any(drives) else True
 

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     BeforeValidator,
@@ -100,6 +100,15 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
 
 
 AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
+
+
+class Alone(NamedTuple):
+    """One stretch of a problem: from a start to a goal, whatever else is asked."""
+
+    robot: Robot
+    start: Start
+    goal: GoalSet
+    workspace: Workspace | None
 
 
 class Problem(Value):
@@ -365,7 +374,7 @@ class Problem(Value):
         """Share of a transition's time by which replayed heater currents may miss it."""
         return max((model.replay_tolerance for model in self.segment_models), default=0.0)
 
-    @property
+    @cached_property
     def world(self) -> World:
         """What is around the robot, but for objects."""
         return World(**{name: getattr(self, name) for name in World.model_fields})

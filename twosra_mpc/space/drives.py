@@ -118,7 +118,8 @@ class Drives:
             leaving = (start == first).all(axis=1) & lent.any()
             found = np.zeros(len(start), dtype=bool)
             for some, less_m in ((leaving, lent), (~leaving, 0.0)):
-                found[some] = self.clear_legs(start[some], end[some], less_m)
+                if some.any():
+                    found[some] = self.clear_legs(start[some], end[some], less_m)
             for slices in self._certified.values() if self._may is None else ():
                 for i in np.flatnonzero(~found):
                     charge(Cost.MEETING)

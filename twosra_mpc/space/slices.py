@@ -267,7 +267,7 @@ def _blocked(
     at, *_ = np.nonzero(met)
     middles = shapely.points(sums[met].mean(axis=1))
     shapely.prepare(whole)
-    for k in np.unique(at[~shapely.intersects(whole[at], middles)]):
+    for k in set(at[~shapely.intersects(whole[at], middles)].tolist()):
         whole[k] = shapely.union_all(blocked[k].ravel(), grid_size=_GRID_M)
     return whole
 

@@ -167,7 +167,7 @@ def least_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
 
     Then no other bends take less time in any phase, so event times are least with these.
     """
-    if (steps := bend_steps(sequence, task)) is None:
+    if (steps := bend_steps(sequence, task, ())) is None:
         return None
     bends = np.array([step.surely for step in steps])
     sums = np.cumsum(bends[:, None] * np.array(sequence), axis=0)
@@ -255,7 +255,7 @@ class BendStep(NamedTuple):
 
 @remembered(64)  # a sequence is looked at more than once while its problem is planned
 def bend_steps(
-    sequence: ModeSequence, task: BendingTask, free: Intervals = ()
+    sequence: ModeSequence, task: BendingTask, free: Intervals
 ) -> tuple[BendStep, ...] | None:
     """What is known of the bend of each phase; None if some are ``free`` and not bounded."""
     if (ranges := _ranges(sequence, task.met, free)) is None:
@@ -331,7 +331,7 @@ def passes_forbidden(sequence: ModeSequence, task: BendingTask, bends: Array) ->
 
 def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
     """Least effort times duration of the phases, as far as the task says how far they bend [s2]."""
-    steps = bend_steps(sequence, task) or ()
+    steps = bend_steps(sequence, task, ()) or ()
     return [
         task.least_effort(step.mode, step.before, step.surely) if step.surely else 0.0
         for step in steps

@@ -152,7 +152,7 @@ def pose_bound(
 
 def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
     """What each phase can do; None without a goal pose, or if nothing limits one of them."""
-    steps, found = bend_steps(sequence, task), list[PhaseMotions]()
+    steps, found = bend_steps(sequence, task, ()), list[PhaseMotions]()
     if task.pose is None or steps is None:
         return None
     for i, step in enumerate(steps):
@@ -219,7 +219,7 @@ class BendRows:
         self.efforts = least_efforts(sequence, task) if weights.effort else []
         self.rates = list[float]()
         self._lines = dict[int, tuple[float, float, float]]()
-        steps = bend_steps(sequence, task) or [None] * len(sequence)
+        steps = bend_steps(sequence, task, ()) or [None] * len(sequence)
         for i, (mode, step) in enumerate(zip(sequence, steps, strict=True)):
             if step and (bend := step.surely) and step.least < step.most:
                 most = max(step.least, step.most, key=abs)

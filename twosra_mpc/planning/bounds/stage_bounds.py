@@ -122,6 +122,12 @@ class StageBounds:
         rigid_first = sorted(self.modes, key=lambda mode: mode != self.rigid)
         return unreachable_reason(rigid_first, self.bend)
 
+    @cached_property
+    def must_bend(self) -> list[int]:
+        """Segments (from 0) that have another shape after it, as is proved."""
+        bend = self.bend
+        return [] if bend is None else [j for j in bend.segments if bend.must_bend(j)]
+
     def settled(self, sequence: ModeSequence) -> Mode:
         """Stiffness after a sequence of it."""
         return self.last if self.final and self.last is not None else sequence[-1]

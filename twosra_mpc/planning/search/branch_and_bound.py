@@ -101,6 +101,7 @@ def branch_and_bound(
     incumbent: Callable[[], tuple[float, Solution] | None] = lambda: None,
     look: Callable[[], tuple[float, Solution] | None] = lambda: None,
     proved: Callable[[float], float] = lambda bound: bound,
+    confirm: Callable[[SearchResult[Solution]], SearchResult[Solution] | None] = lambda made: made,
 ) -> SearchResult[Solution]:
     """Search ``tree`` for a leaf within ``gap`` of the least possible cost.
 
@@ -112,37 +113,50 @@ def branch_and_bound(
         incumbent: Finds (cost, solution) of a leaf that is cheap to try; asked first.
         look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
         proved: What the least bound of the tree proves of all solutions.
+        confirm: Makes of an outcome with a solution what is returned; None where that is none
+            after all: then the search goes on, with the incumbent before it.
 
     Raises:
         ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
-    search = _Search(tree, gap, proved)
+    search = _Search(tree, gap, proved, [look, incumbent])
+    while True:
+        found = search.result(_run(search, out_of_time, on_progress))
+        confirmed = found if found.solution is None else confirm(found)
+        if confirmed is not None:
+            return confirmed
+        search.reject()
+
+
+def _run(
+    search: _Search[Node, Solution],
+    out_of_time: Callable[[], bool],
+    on_progress: Callable[[float, float], None],
+) -> Ending:
+    """Go on until the incumbent is within the gap, or nothing is left, or it has to stop."""
     with noted_interrupts() as interrupts:
         try:
-            looked = False
-            if (found := incumbent()) is not None:
-                search.accept(*found)
+            if len(search.looks) > 1:
+                search.look()
             while search.open and not interrupts.requested:
-                if search.vain and not looked:
-                    looked, found = True, look()
-                    if found is not None:
-                        search.accept(*found)
+                if search.vain:
+                    search.look()
                 on_progress(search.cost, search.lower_bound)
                 if search.closed:
                     break
                 if out_of_time():
-                    return search.result(Ending.LIMIT)
+                    return Ending.LIMIT
                 search.step()
         except OutOfEffortError:
-            return search.result(Ending.LIMIT)
+            return Ending.LIMIT
         except KeyboardInterrupt:
             interrupts.request()
         except Exception:  # of which some are interrupts that a library made something else of
             if not interrupts.requested:
                 raise
     if interrupts.requested:
-        return search.result(Ending.INTERRUPTED)
-    return search.result(Ending.CLOSED if search.closed else Ending.EXHAUSTED)
+        return Ending.INTERRUPTED
+    return Ending.CLOSED if search.closed else Ending.EXHAUSTED
 
 
 def dive(
@@ -200,18 +214,26 @@ class _Search(Generic[Node, Solution]):
     """State of a search; an entry stays in the queue until all that follows from it is known."""
 
     def __init__(
-        self, tree: Tree[Node, Solution], gap: float, proved: Callable[[float], float]
+        self,
+        tree: Tree[Node, Solution],
+        gap: float,
+        proved: Callable[[float], float],
+        looks: list[Callable[[], tuple[float, Solution] | None]],
     ) -> None:
-        self.tree, self.gap, self.proved = tree, gap, proved
+        self.tree, self.gap, self.proved, self.looks = tree, gap, proved, looks
         self.order = itertools.count()
         root = tree.root()
         self.queue = [self._entry(tree.bound(root), branch=True, node=root)]
         self.kept = math.inf  # least bound of what left the queue without being disproved
-        self.cost = math.inf
-        self.solution: Solution | None = None
+        self.incumbents: list[tuple[float, Solution]] = []  # each cheaper than those before it
         self.first_work = math.inf
         self.bounded = self.solved = self.steps = 0
         self.learnt = False  # whether a bound was tightened, and others may be too
+
+    @property
+    def cost(self) -> float:
+        """Cost of the incumbent; inf without one."""
+        return self.incumbents[-1][0] if self.incumbents else math.inf
 
     @property
     def open(self) -> bool:
@@ -227,7 +249,7 @@ class _Search(Generic[Node, Solution]):
     @property
     def vain(self) -> bool:
         """Whether much was opened and tried without a solution."""
-        return self.solution is None and self.steps + _TRIED * self.solved > _PATIENCE
+        return not self.incumbents and self.steps + _TRIED * self.solved > _PATIENCE
 
     @property
     def closed(self) -> bool:
@@ -236,14 +258,24 @@ class _Search(Generic[Node, Solution]):
 
     def result(self, ending: Ending) -> SearchResult[Solution]:
         """Sum up."""
-        low = self.lower_bound
+        low, solution = self.lower_bound, self.incumbents[-1][1] if self.incumbents else None
         counts = self.bounded, self.solved, self.first_work
-        return SearchResult(ending, self.cost, self.solution, low, *counts)
+        return SearchResult(ending, self.cost, solution, low, *counts)
+
+    def look(self) -> None:
+        """Look for an incumbent in the next way that was not used yet."""
+        if self.looks and (found := self.looks.pop()()) is not None:
+            self.accept(*found)
 
     def accept(self, cost: float, solution: Solution) -> None:
         """Make a solution the incumbent."""
-        self.cost, self.solution = cost, solution
+        self.incumbents.append((cost, solution))
         self.first_work = min(self.first_work, spent())
+
+    def reject(self) -> None:
+        """Return to the incumbent before the last one, which is none."""
+        self.incumbents.pop()
+        self.first_work = self.first_work if self.incumbents else math.inf
 
     def step(self) -> None:
         """Work on the entry with the least bound, if that is still its bound."""
@@ -264,7 +296,7 @@ class _Search(Generic[Node, Solution]):
         That is within the gap of it, and first attempts cost least: it may be all that it takes.
         """
         first = self.queue[0]
-        if self.solution is not None or first.attempts is None:
+        if self.incumbents or first.attempts is None:
             return first
         most = first.bound / (1 - self.gap)
         fresh = (each for each in self.queue if each.attempts is None and not each.done)
@@ -281,8 +313,7 @@ class _Search(Generic[Node, Solution]):
             self.bounded += 1
             opened.append(self._entry(max(leaf_bound, entry.bound), branch=False, node=node))
         for child in tree.children(node):
-            bound = max(tree.bound(child), entry.bound)
-            if bound >= self.cost:
+            if (bound := max(tree.bound(child), entry.bound)) == math.inf:
                 continue
             if tree.too_deep(child):
                 kept = min(kept, bound)

@@ -112,7 +112,7 @@ def too_few_phases(tree: Tree[Any]) -> str:
 
 def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
     """Say which limit forbids the bends of a sequence that leaves little choice of them."""
-    for step in bend_steps(sequence, task) or ():
+    for step in bend_steps(sequence, task, ()) or ():
         if not any(step.mode):
             continue
         who = f"in {sequence_name(sequence)}, mode {mode_name(step.mode)} would have to"

@@ -105,6 +105,8 @@ class Nodes:
         if node.variant < 0 or (opened := self.open_stage(node)) is None:
             return False
         stage, begins = opened
+        if len(node.head) < stage.most_phases:  # one more closes it
+            return False
         return len(stage.closed(node.head, begins) or node.head) > stage.most_phases
 
     def whole(self, node: Node) -> Whole | None:

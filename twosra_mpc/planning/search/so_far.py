@@ -27,6 +27,9 @@ class Past(NamedTuple):
     reason: str | None = None
 
 
+NOTHING_YET = Past(0.0)
+
+
 @dataclass
 class SoFar:
     """Bounds of what comes first in a plan.
@@ -53,7 +56,7 @@ class SoFar:
     def past(self, over: Whole) -> Past:
         """What the first stages take with these sequences."""
         if over not in self._past:
-            self._past[over] = self._passes(over) if over.sequences else Past(0.0)
+            self._past[over] = self._passes(over)
         return self._past[over]
 
     def durations(self, over: Whole) -> list[float]:
@@ -72,7 +75,7 @@ class SoFar:
 
     def _passes(self, over: Whole) -> Past:
         joined = over.joined
-        if (reason := self._impossible(over)) is not None:
+        if (reason := self.impossible(over)) is not None:
             return Past(math.inf, reason=reason)
         durations = self.durations(over)
         if not all(map(math.isfinite, durations)):
@@ -84,7 +87,7 @@ class SoFar:
         cost = times[network.layout.finish] + self._fixed_cost(network)
         return Past(cost, joined, tuple(durations))
 
-    def _impossible(self, over: Whole) -> str | None:
+    def impossible(self, over: Whole) -> str | None:
         """Why these sequences cannot be, as far as that is told without times."""
         pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
@@ -110,9 +113,10 @@ class SoFar:
     def _stranded(self, over: Whole) -> bool:
         """Whether the last stage is too far away for blocks alone, and there is no drive."""
         done, stages = len(over.sequences), self.nodes.variants[over.variant]
-        since = slice(done - stages[done - 1].since, done)
-        way = Way().then(over.sequences[since], stages[since])
-        return self.to_go.too_far(stages[done - 1], way)
+        last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
+        if not last.distance_m:
+            return False
+        return self.to_go.too_far(last, Way().then(over.sequences[since], stages[since]))
 
     # --- The stage that is open
 
@@ -131,22 +135,25 @@ class SoFar:
             durations: Least durations of the first phases [s].
             motion_s: Least time in which every plan moves [s], where that is known.
         """
-        missing = [j for j in range(len(stage.change)) if self._must_soften(stage, whole, j)]
+        so_far = (self.nodes.first, *whole)  # every completion melts what was solid all the time
+        missing = [j for j in stage.must_bend if not any(mode[j] for mode in so_far)]
         onward = self._onward(stage, whole[-1], frozenset(missing))
         if onward is not None:
             network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
             times = earliest_times(_timed(network, durations))
             assert times is not None, "what is not refused has a schedule"
             return times[network.layout.finish] + self._fixed_cost(network) + onward
-        least = self._least_time(stage, whole, durations, motion_s)
+        network = self._settling(stage, whole)
+        least = _least_time(network, durations, motion_s)
         for j in missing:
+            longer = ((*whole, mode) for mode in stage.modes if mode[j])
             first = [
-                self._least_time(stage, (*whole, mode), durations, motion_s)
-                for mode in stage.modes
-                if mode[j]
+                _least_time(self._settling(stage, each), durations, motion_s)
+                for each in longer
+                if self.timing.refusal(each, stage.rigid) is None
             ]
             least = max(least, min(first, default=math.inf))
-        return least + self._least_fixed_cost(stage, whole, missing)
+        return least + self._least_fixed_cost(stage, network, missing)
 
     def _onward(self, stage: StageBounds, mode: Mode, missing: frozenset[int]) -> float | None:
         """Least cost of the melts and freezes on to the end of a stage, if it can be told."""
@@ -159,45 +166,16 @@ class SoFar:
             self._onwards[key] = min(known, default=None)
         return self._onwards[key]
 
-    def _must_soften(self, stage: StageBounds, whole: ModeSequence, segment: int) -> bool:
-        """Whether every completion melts a segment that was solid all the time."""
-        if stage.bend is None or self.nodes.first[segment] or any(mode[segment] for mode in whole):
-            return False
-        return stage.bend.must_bend(segment)
-
     def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
         charge(Cost.NETWORK, len(sequence))
         settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
         return self.timing.network(sequence, settled, [0.0] * len(sequence))
 
-    def _least_time(
-        self,
-        stage: StageBounds,
-        sequence: ModeSequence,
-        durations: Sequence[float],
-        motion_s: float | None,
-    ) -> float:
-        """Duration of the transitions of ``sequence``, which every completion has to make too.
-
-        And of the motion of every plan, while none of them is on its plateau, if that is known.
-
-        Completions of a node append phases. Those before the melt of a segment that was solid so
-        far delay it, and the freeze after it; the other segment has to freeze in any case.
-        """
-        if self.timing.refusal(sequence, stage.rigid) is not None:
-            return math.inf
-        network = self._settling(stage, sequence)
-        times = earliest_times(_timed(network, durations))
-        if times is None:
-            return math.inf
-        least = times[network.layout.finish]
-        return max(least, motion_s + resting_s(network)) if motion_s else least
-
     def _least_fixed_cost(
-        self, stage: StageBounds, sequence: ModeSequence, missing: list[int]
+        self, stage: StageBounds, network: TemporalNetwork, missing: list[int]
     ) -> float:
         """Cost of the melts and freezes of a node and of those that must still follow."""
-        cost, last = self._fixed_cost(self._settling(stage, sequence)), stage.last
+        cost, last = self._fixed_cost(network), stage.last
         for j in missing:  # no melt of it came before: what it takes is that from t = 0
             mode = tuple(int(k == j) for k in range(len(stage.change)))
             melt = self.timing.network((mode,), mode, [0.0])
@@ -209,6 +187,23 @@ class SoFar:
         """Cost of melts and freezes besides the time they take."""
         energy = self.weights.energy_s_per_J * network.melt_energy_J
         return energy + self.weights.transition_s * network.transitions
+
+
+def _least_time(
+    network: TemporalNetwork, durations: Sequence[float], motion_s: float | None
+) -> float:
+    """Duration of the transitions of a sequence, which every completion has to make too.
+
+    And of the motion of every plan, while none of them is on its plateau, if that is known.
+
+    Completions of a node append phases. Those before the melt of a segment that was solid so
+    far delay it, and the freeze after it; the other segment has to freeze in any case.
+    """
+    times = earliest_times(_timed(network, durations))
+    if times is None:
+        return math.inf
+    least = times[network.layout.finish]
+    return max(least, motion_s + resting_s(network)) if motion_s else least
 
 
 def _timed(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:

@@ -13,7 +13,7 @@ from twosra_mpc.planning.bounds.stages_bound import StageRelaxation
 from twosra_mpc.planning.search.in_the_way import InTheWay
 from twosra_mpc.planning.search.leaves import Leaves
 from twosra_mpc.planning.search.nodes import Node, Nodes, Whole
-from twosra_mpc.planning.search.so_far import Past, SoFar
+from twosra_mpc.planning.search.so_far import NOTHING_YET, Past, SoFar
 from twosra_mpc.planning.search.to_go import Alone, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
@@ -90,7 +90,7 @@ class Tree(Generic[Solution]):
         """Every completion passes through the events of ``node``; what comes then takes longer."""
         if node.variant < 0:
             return 0.0
-        past = self._past(Whole(*node[:2]))
+        past = self._past(Whole(*node[:2])) if node.sequences else NOTHING_YET
         if past.cost == math.inf or (opened := self.nodes.open_stage(node)) is None:
             return past.cost
         stage, begins = opened
@@ -113,12 +113,13 @@ class Tree(Generic[Solution]):
     def _past(self, over: Whole) -> Past:
         """What stages that are over take, by what is known so far of what is in their way."""
         past = self.leaves.so_far.past(over)
-        reason = past.reason
-        for way, sequence in zip(self.in_the_way[over.variant], over.sequences, strict=False):
-            reason = reason or way.blocks(sequence)
-        if reason is None:
-            return past
-        return Past(self._infeasible(over.joined, reason))
+        reason = past.reason or self._blocked(over)
+        return past if reason is None else Past(self._infeasible(over.joined, reason))
+
+    def _blocked(self, over: Whole) -> str | None:
+        """What is in the way of one of these sequences, as far as it is known."""
+        pairs = zip(self.in_the_way[over.variant], over.sequences, strict=False)
+        return next(filter(None, (way.blocks(sequence) for way, sequence in pairs)), None)
 
     def _infeasible(self, sequence: ModeSequence, reason: str) -> float:
         self.unreachable[sequence] = reason
@@ -135,11 +136,10 @@ class Tree(Generic[Solution]):
         whole = self.nodes.whole(node)
         if whole is None or self.too_deep(node) or whole.joined in self.excluded:
             return math.inf
-        leaf, last = whole.joined, self.nodes.last(whole)
-        if (reason := self.leaves.so_far.timing.refusal(leaf, last)) is not None:
+        leaf, so_far = whole.joined, self.leaves.so_far
+        reason = so_far.timing.refusal(leaf, self.nodes.last(whole))
+        if (reason := reason or so_far.impossible(whole) or self._blocked(whole)) is not None:
             return self._infeasible(leaf, reason)
-        if self._past(whole).cost == math.inf:
-            return math.inf
         bound = self.leaves.relaxed(whole)
         if bound is None or bound.cost == math.inf:
             words = f"{sequence_name(leaf)} cannot reach this shape within the shape limits"

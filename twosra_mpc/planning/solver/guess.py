@@ -21,7 +21,7 @@ from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
@@ -70,7 +70,7 @@ def guess_motion(
     return roll_out(robot, start, sequence, inputs)
 
 
-def moved_inside(motion: Motion, problem: Problem) -> Motion:
+def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:
     """Return the motion with all between its first and last drive shifted into the workspace.
 
     As it is where there is no workspace, no second drive, or nothing leaves.
@@ -141,7 +141,7 @@ def turned_to_go(motion: Motion) -> Motion:
     return roll_out(robot, start, motion.sequence, inputs)
 
 
-def spared_corners(problem: Problem, workspace: Workspace) -> Array:
+def spared_corners(problem: Problem | Alone, workspace: Workspace) -> Array:
     """Corners of the workspace for each of the ``outline_points``, (2, m, 2) [m].
 
     Less their radii and what the robot may stray between nodes. It keeps no farther away than it

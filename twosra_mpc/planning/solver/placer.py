@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import Generic, TypeVar
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, timed
 from twosra_mpc.planning.solver.itinerary import Itinerary
+from twosra_mpc.planning.solver.sequence_solver import Solved, checked
 from twosra_mpc.planning.solver.stage_bends import shapes, stage_bends
 from twosra_mpc.planning.solver.terminal_correction import correct_end
 from twosra_mpc.planning.stages.necessity import necessities
@@ -32,8 +32,7 @@ from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.screws import twists
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
-Solution = TypeVar("Solution")
-Check = Callable[[Problem, Candidate | None, TemporalNetwork], tuple[float, Solution] | None]
+Made = tuple[float, Solved] | None  # (cost, plan), or nothing that verifies
 Bends = Sequence[Array]  # change of W in each phase of each stage
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
@@ -47,7 +46,7 @@ _LEAST_BEND = 1e-3  # change of W that is more than rounding
 _LONG_S = 1e5
 
 
-class Placer(Generic[Solution]):
+class Placer:
     """Yields plans of one sequence of each stage among obstacles.
 
     Soft phases without driving in between are blocks. Their bends are those of the bound; a stage
@@ -56,20 +55,19 @@ class Placer(Generic[Solution]):
 
     Args:
         variants: The ways to solve the problem.
-        checked: Makes (cost, plan) of a candidate, or None if it does not verify.
     """
 
     iterations = 0
 
-    def __init__(self, variants: Sequence[Variant], checked: Check[Solution]) -> None:
-        self.variants, self._checked = variants, checked
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self.variants = variants
         self._several, self._planned = 0, False  # plans of several blocks, any plan
         self.in_the_way = [necessities(each) for each in variants]
         self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
-    ) -> Iterator[tuple[float, Solution] | None]:
+    ) -> Iterator[Made]:
         """Yield (cost, plan) of every attempt; None: it failed."""
         variant, blocks = self.variants[whole.variant], [*map(blocks_of, whole.sequences)]
         several, hidden_s = max(blocks) > 1, hidden_by_phase_s(network)
@@ -102,10 +100,10 @@ class Placer(Generic[Solution]):
 
     def _attempts(
         self, itinerary: Itinerary, network: TemporalNetwork, hidden_s: Sequence[float]
-    ) -> Iterator[tuple[float, Solution] | None]:
+    ) -> Iterator[Made]:
         """The plan of the best chain; where no plan is known yet, first that of the first one."""
         best: dict[int, Array] | None = None
-        first: tuple[float, Solution] | None = None
+        first: Made = None
         for _, best in itinerary.chains(hidden_s) if itinerary.possible else ():
             if not self._planned and (first := self._made(itinerary, best, network)):
                 self._planned, best = True, None
@@ -115,9 +113,9 @@ class Placer(Generic[Solution]):
 
     def _made(
         self, itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
-    ) -> tuple[float, Solution] | None:
+    ) -> Made:
         candidate = _candidate(itinerary, routes, network)
-        return self._checked(itinerary.problem, candidate, network)
+        return checked(itinerary.problem, candidate, network)
 
     def _proved_impossible(self, whole: Whole) -> bool:
         """Whether obstacles are proved to forbid a sequence, as far as is known or found now."""

@@ -7,14 +7,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.flow import Motion, joined
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
-from twosra_mpc.planning.search.in_the_way import InTheWay
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, scheduled, solve, timed
 from twosra_mpc.planning.solver.gentle import cheapest
@@ -35,7 +33,7 @@ from twosra_mpc.planning.stages.placements import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
@@ -84,23 +82,6 @@ Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan th
 Check = Callable[
     [Problem, Candidate | None, TemporalNetwork], tuple[float, Solved] | None
 ]  # makes (cost, plan) of a candidate, or None
-
-
-class StageSolver(Protocol):
-    """Yields plans of one sequence of each stage: in free space, or among obstacles."""
-
-    @property
-    def in_the_way(self) -> Sequence[Sequence[InTheWay]] | None:
-        """Obstacles to each stage of every variant; None: there are none."""
-
-    @property
-    def iterations(self) -> int:
-        """Of the nonlinear programs so far."""
-
-    def __call__(
-        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
-    ) -> Iterator[tuple[float, Solved] | None]:
-        """Yield (cost, plan) of every attempt; None: it failed."""
 
 
 class SequenceSolver:
@@ -268,7 +249,7 @@ def _motion(
     """A stage from a configuration to its goal; None if it does not get there."""
     x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
     start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
-    alone = problem.with_values(start=start, goal=goal, tasks=())
+    alone = Alone(problem.robot, start, goal, problem.workspace)
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)

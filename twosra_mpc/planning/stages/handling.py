@@ -11,7 +11,7 @@ import numpy as np
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.stages.placements import Placement
+from twosra_mpc.planning.stages.placements import May, Placement
 from twosra_mpc.planning.stages.touch_poses import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.stages.variants import Hold, State
 from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
@@ -97,12 +97,17 @@ class Handling:
 
     def holding(self, placement: Placement, hold: Hold) -> Placement:
         """The stage with an object in hand."""
-        thing, robot = self.problem.objects[hold.number], self.problem.robot
-        pieces, may = quadrangles(thing.at(hold.pose_in_b0)), None
-        if not hold.caged:
-            where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
-            may = pushing_cone(*where, thing.friction or 0.0).holds
+        pieces, may = self._in_hand(hold)
         return replace(placement, held=pieces, may=may)
+
+    def _in_hand(self, hold: Hold) -> tuple[Array, May | None]:
+        """Convex pieces of an object in hand, and the twists that keep it there, where not all."""
+        thing, geometry = self.problem.objects[hold.number], self.problem.robot.geometry
+        pieces = quadrangles(thing.at(hold.pose_in_b0))
+        if hold.caged:
+            return pieces, None
+        where = geometry, hold.kappa, thing, hold.pose_in_b0
+        return pieces, pushing_cone(*where, thing.friction or 0.0).holds
 
     def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
         """The stages that end in each touch that holds an object as asked."""
@@ -170,6 +175,7 @@ class Handling:
         assert hold is not None, "checked with the problem"
         thing = self.problem.objects[hold.number]
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
+        held, may = self._in_hand(hold)
         if task.phi_rad is None:
             count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
@@ -186,7 +192,7 @@ class Handling:
                 ends=some,
                 within_m=step_rad * float(np.hypot(*hold.pose_in_b0[:2])),
             )
-            yield at.after(self.holding(placement, hold))
+            yield at.after(replace(placement, held=held, may=may))
 
     def _released(self, stage: Stage, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""

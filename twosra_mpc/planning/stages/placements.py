@@ -16,6 +16,8 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.space.footprint import SAGITTA_M
 
+May = Callable[[Array], NDArray[np.bool_]]  # twists (m, 3) -> which of them drives may have
+
 _TOUCHING_SAGITTA_M = 1e-4
 
 
@@ -53,7 +55,7 @@ class Placement:
     openings: tuple[GoalSet, ...] = ()
     entries: tuple[Goal, ...] = ()
     away: World | None = None
-    may: Callable[[Array], NDArray[np.bool_]] | None = None
+    may: May | None = None
 
     @property
     def reaches(self) -> bool:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from twosra_mpc.effort import Cost, charge, out_of_effort
+from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort
 from twosra_mpc.planning.stages.placements import Placement, Variant
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.stages import Stage
@@ -95,12 +95,16 @@ class Ways:
 
         return Handling(self.problem, self.refused)
 
-    def variants(self) -> list[Variant] | None:
-        """Every variant; None if the effort is over first, as no bound holds for some of them."""
+    def variants(self) -> list[Variant]:
+        """Every variant.
+
+        Raises:
+            OutOfEffortError: If the effort is over first, as no bound holds for some of them.
+        """
         found: list[Variant] = []
         for order in self._orders():
             if found and out_of_effort():
-                return None
+                raise OutOfEffortError
             problem = self._in_order(order)
             groups: dict[tuple[float, ...], list[tuple[Placement, ...]]] = {}
             for state in self._from(problem, problem.stages(), self._begin()):
