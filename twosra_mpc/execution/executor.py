@@ -41,6 +41,7 @@ def at_once(work: Callable[[], Result], _rest: Callable[[], None]) -> Result:
     return work()
 
 
+@public
 @dataclass(frozen=True)
 class Executor:
     """Runs plans on a robot: by events, with a camera, planning again where it must.
@@ -57,7 +58,6 @@ class Executor:
     on_command: Callable[[Session], None] = lambda session: None
     meanwhile: Meanwhile = at_once
 
-    @public
     def run(self, plan: Plan) -> Run:
         """Run a plan; the robot must be where it starts. It stands at the end, heaters off.
 

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import TwosraError
 from twosra_mpc.interrupts import Interrupts, deferred_interrupts, raised_interrupts
 from twosra_mpc.robot.coordinates import WHEELS, Array, Coordinates
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ArrayValue, NonNegative, Positive
 
-OfKind = tuple[float, float, float]
+OfKind = tuple[NonNegative, NonNegative, NonNegative]
 
 EXACT: OfKind = (0.0, 0.0, 0.0)
 
@@ -28,6 +29,7 @@ class RobotError(TwosraError):
     """The robot cannot be driven any more: its line is dead, it is silent, or it is in danger."""
 
 
+@public
 @dataclass(frozen=True)
 class Camera:
     """What is known about the camera that measures q = [x, y, phi, kappa1 ... kappan].
@@ -38,7 +40,7 @@ class Camera:
         step: What a frame's values are rounded to, same units; 0 is not at all.
     """
 
-    rate_Hz: float = 15.0
+    rate_Hz: Positive = 15.0
     noise: OfKind = EXACT
     step: OfKind = EXACT
 
@@ -54,6 +56,7 @@ class Camera:
         return spread
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Reading(ArrayValue):
     """What has become known since the reading before; n segments.

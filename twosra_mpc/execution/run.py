@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, fields
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.installation import __version__
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
@@ -27,7 +27,7 @@ FORMAT, FORMAT_VERSION = "twosra-run", 1
 CHANGING = 0.5  # between 0, rigid, and 1, soft, in ``RunLog.stiffness``
 
 
-class Ending(enum.StrEnum):
+class Ending(Word):
     """How a run ended; ``Run.reason`` says it in words."""
 
     REACHED = "reached"  # within the accuracy of the goal, as measured
@@ -59,6 +59,7 @@ class Verdict(NamedTuple):
     lost: int = 0
 
 
+@public
 class RunEvent(NamedTuple):
     """Something worth knowing, when it happened and in words."""
 
@@ -67,6 +68,7 @@ class RunEvent(NamedTuple):
     text: str
 
 
+@public
 class Drive(NamedTuple):
     """A stretch of time in which the robot was driven in one mode [s]."""
 
@@ -75,6 +77,7 @@ class Drive(NamedTuple):
     end_s: float
 
 
+@public
 class Change(NamedTuple):
     """A segment (from 1) that has melted or frozen, and when its controller said so."""
 
@@ -83,6 +86,7 @@ class Change(NamedTuple):
     to: Stiffness
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class RunLog(ArrayValue):
     """Everything measured, believed and sent; arrays of one length, read-only.
@@ -115,6 +119,7 @@ class RunLog(ArrayValue):
             getattr(self, item.name).setflags(write=False)
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(ArrayValue):
     """A run from start to end.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.effort import OutOfEffortError, limit_reached
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
@@ -25,6 +26,7 @@ from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
 
+@public
 class Progress(NamedTuple):
     """State of a running search.
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import enum
+from twosra_mpc.arguments import Word
 
 
-class Ending(enum.StrEnum):
+class Ending(Word):
     """Reason for the end of a search."""
 
     CLOSED = "closed"  # the incumbent is within the gap of the lower bound

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from twosra_mpc.arguments import made, public
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
 from twosra_mpc.installation import __version__
@@ -25,6 +25,7 @@ _NO_PLAN: dict[str, Any] = {
 _NO_MISSION: dict[str, Any] = {"tasks": [], "carried": []}
 
 
+@public
 @dataclass(frozen=True)
 class Stats:
     """Effort spent on a plan.
@@ -46,7 +47,7 @@ class Stats:
     first_plan_work: float | None = None
 
 
-@made
+@public
 @dataclass(frozen=True, eq=False)
 class Result(ArrayValue):
     """The outcome of planning.
@@ -139,7 +140,6 @@ class Result(ArrayValue):
             **({} if self.certificate is None else {"certificate": self.certificate}),
         }
 
-    @public
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, atomically.
 

@@ -13,6 +13,7 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_bytes
 from twosra_mpc.plotting.labels import settle_all
@@ -121,6 +122,7 @@ def picture_address(figure: Figure, kind: Literal["png", "svg"]) -> str:
     return f"data:image/{'svg+xml' if kind == 'svg' else kind};base64,{data}"
 
 
+@public
 def check_figure_path(path: str | Path) -> None:
     """Check that matplotlib can write a file of this ending.
 
@@ -132,6 +134,7 @@ def check_figure_path(path: str | Path) -> None:
         raise InputError("output", str(path), f"a file ending in .{', .'.join(endings)}")
 
 
+@public
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure atomically, in the format that the ending of ``path`` names.
 

@@ -28,6 +28,7 @@ from twosra_mpc.plotting.figures import PALETTE, STYLE
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
+from twosra_mpc.validation import Seconds
 
 FRAMES_PER_S = 12.5  # a GIF counts in hundredths of a second
 LAST_FRAME_S = 2.5  # how long the end is shown
@@ -38,6 +39,7 @@ LEAST = 0.25  # of the length of the unstretched time axis that a motion phase t
 OnProgress = Callable[[int, int], None]  # frames done, frames in all
 
 
+@public
 @dataclass(frozen=True)
 class Film:
     """A film; a notebook shows it where it is the last value of a cell.
@@ -60,6 +62,7 @@ class Film:
         return f"<video {shown} controls autoplay loop muted></video>"
 
 
+@public
 def check_animation_path(path: str | Path) -> None:
     """Check that an animation of this ending can be written here.
 
@@ -79,7 +82,7 @@ def animate_plan(
     plan: Plan,
     path: str | Path | None = None,
     *,
-    duration_s: float = 12.0,
+    duration_s: Seconds = 12.0,
     on_progress: OnProgress | None = None,
 ) -> Film:
     """Animate a plan; a notebook shows what is returned.

@@ -48,6 +48,7 @@ LETTER = 0.0095  # width of a letter on the time axis
 MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
 
 
+@public
 class TimeStretch(NamedTuple):
     """Piecewise linear map from time to place on the axis; phases get a least width.
 

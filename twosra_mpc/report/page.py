@@ -36,6 +36,7 @@ _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say
 
 
+@public
 def check_report_path(path: str | Path) -> None:
     """Check that a report may be called this.
 

@@ -115,6 +115,7 @@ def connected(
             raise PortError(f"{failure}the robot was told to stop")
 
 
+@public
 @dataclass(eq=False)
 class SerialRobot:
     """A robot on a serial line; made by ``connected``, which also stops it.
@@ -295,6 +296,7 @@ class SerialRobot:
         return heard
 
 
+@public
 def while_standing(work: Callable[[], Made], rest: Callable[[], None]) -> Made:
     """Have something computed while the robot is told again and again to stand.
 

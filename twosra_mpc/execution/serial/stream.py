@@ -6,14 +6,13 @@ temperature reports, or by the clock and the model's heat if the robot reports n
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
@@ -31,7 +30,7 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
 
 
-class Confirm(enum.StrEnum):
+class Confirm(Word):
     """When the phases of a stream begin."""
 
     REQUIRED = "required"  # by temperature reports, or not at all

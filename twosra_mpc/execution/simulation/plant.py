@@ -33,7 +33,7 @@ from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ArrayValue, Count, NonNegative
 
 if TYPE_CHECKING:  # loaded where there are objects
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
@@ -46,6 +46,7 @@ _INSTANT_S = 1e-6
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Truth(ArrayValue):
     """What a simulated robot really did; arrays of one length, read-only.
@@ -85,6 +86,7 @@ def plant_robot(robot: Robot, plant: str) -> Robot:
     return robot if plant == AS_PLANNED else with_path_model(robot, plant)
 
 
+@public
 class SimulatedRobot:
     """A robot that is not quite what its description says.
 
@@ -95,13 +97,12 @@ class SimulatedRobot:
         q: True configuration, (3 + n,).
     """
 
-    @public
     def __init__(
         self,
         problem: Problem,
         plant: str = "arc",
         disturbance: Disturbance | None = None,
-        seed: int = 0,
+        seed: Count = 0,
         *,
         broken_heaters: Collection[int] = (),
         viewer: bool = False,
@@ -183,7 +184,7 @@ class SimulatedRobot:
         self._told_rad_s = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
         self._setpoint_C = heater_setpoint_C.tolist()
 
-    def wait(self, at_most_s: float) -> None:
+    def wait(self, at_most_s: NonNegative) -> None:
         """Let whole camera periods pass, at least one, until a segment reports a new stiffness."""
         left = max(1, round(at_most_s * self.camera.rate_Hz))
         still = max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))

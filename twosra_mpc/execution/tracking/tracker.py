@@ -6,7 +6,6 @@ told, and goes on converging to the phase's end after the phase's time is over.
 
 from __future__ import annotations
 
-import enum
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.tracking.linearisation import tracking_program
 from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
@@ -30,7 +29,7 @@ HIGHEST_RATE_HZ = 1000.0
 PARTS = 8  # grid points per sampling period; in between, the reference is interpolated linearly
 
 
-class CommandStatus(enum.StrEnum):
+class CommandStatus(Word):
     """Where a command comes from."""
 
     SOLVED = "solved"  # the quadratic program was solved
@@ -38,6 +37,7 @@ class CommandStatus(enum.StrEnum):
     FAILED = "failed"  # no solution: the wheels rest, the heaters keep their set-points
 
 
+@public
 @dataclass(frozen=True, eq=False, slots=True)
 class Measurement:
     """Where the robot is, and which part of the plan it should be following.
@@ -75,6 +75,7 @@ class Measurement:
             raise InputError("measurement.phase", self.phase, "a whole number, or None")
 
 
+@public
 @dataclass(frozen=True, eq=False, slots=True)
 class Command:
     """What to send to the robot until the next step; arrays are read-only.
@@ -124,6 +125,7 @@ class PhaseReference:
         into += self._outputs[rows]
 
 
+@public
 class Tracker:
     """Linear time-varying model predictive control of one robot along a plan, phase by phase.
 
@@ -135,7 +137,6 @@ class Tracker:
             the first. Stays as it is when a step refuses a measurement.
     """
 
-    @public
     def __init__(
         self,
         robot: Robot,
@@ -179,7 +180,6 @@ class Tracker:
             _NO_WHEELS, _NO_INPUT, off, CommandStatus.HELD, "no plan is being tracked yet"
         )
 
-    @public
     def reset(self, plan: Plan) -> None:
         """Track another plan from the next step on; the wheels are taken to turn as last told.
 

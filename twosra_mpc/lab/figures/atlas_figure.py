@@ -37,7 +37,6 @@ SEQUENCE_COLOURS = (  # told apart also without red or green
 )
 _BLUE, _LEAST_GAP = figures.RIGID_COLOUR, 1e-4  # gaps in %
 _TICKS = (1.0, 2.0, 5.0)  # of a decade
-_ON_WHITE = {"fc": "white", "ec": "none", "pad": 0.5}  # words over a line
 OTHER_COLOUR, NO_PLAN_COLOUR = "#9e9e9e", "#eeeeee"
 _UNIT = {"_per_m": "1/m", "_rad": "rad", "_m": "m", "_s": "s", "_A": "A", "_C": "C", "_J": "J"}
 
@@ -169,7 +168,7 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
     ax.axvline(0.0, c="0.6", lw=0.8, zorder=0)
     for place, each in zip(places, worth, strict=True):
         words: dict[str, Any] = {"fontsize": 7.5, "transform": ax.get_yaxis_transform()}
-        ax.text(0.02, place + 0.2, each.change, bbox=_ON_WHITE, **words)
+        ax.text(0.02, place + 0.2, each.change, bbox=figures.BEHIND_WORDS, **words)
     ax.set_xscale("symlog", linthresh=1.0, subs=_TICKS)
     _name_few(ax, SymmetricalLogLocator(linthresh=1.0, base=10, subs=_TICKS))
     ax.set(yticks=(), title="what changes are worth", xlabel="saved [s of a plan]")

@@ -9,12 +9,13 @@ without data are left out.
 
 from __future__ import annotations
 
-import enum
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from twosra_mpc.arguments import Word, public
 
-class Verdict(enum.StrEnum):
+
+class Verdict(Word):
     """Verdict of our numbers on a claim."""
 
     HOLDS = "holds"
@@ -27,6 +28,7 @@ class Verdict(enum.StrEnum):
 _DIRECTION = {"equal": "off", "at most": "above", "at least": "below"}
 
 
+@public
 @dataclass(frozen=True)
 class Reading:
     """One way to put a claim in numbers.
@@ -76,6 +78,7 @@ class Reading:
         return f"{first}; with a caveat up to {self.caveat:z.3g}{unit} {where}"
 
 
+@public
 @dataclass(frozen=True)
 class Claim:
     """Claim of the paper, its place, and what comes of it.

@@ -6,6 +6,7 @@ of 300, 301 and 502 s in the logs agree.
 
 from __future__ import annotations
 
+from twosra_mpc.arguments import public
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence, is_rigid
 
 HEAT_ONE_S, HEAT_BOTH_S = 102.0, 100.0
@@ -13,6 +14,7 @@ FREEZE_S = 300.0  # soft to rigid
 COOL_S = 400.0  # soft to otherwise soft: everything cools, and is heated anew
 
 
+@public
 def fixed_waits_s(sequence: ModeSequence) -> tuple[float, ...]:
     """Wait before each phase, and after the last one until all is rigid, (phases + 1,) [s].
 

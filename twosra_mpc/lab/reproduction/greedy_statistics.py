@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Self, get_args
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.reproduction.error_curves import (
     Curve,
@@ -45,6 +46,7 @@ Q = tuple[float, ...]  # [x, y, phi, kappa_1, kappa_2] in m, rad, 1/m
 REFUSED = "refused"  # where the robot cannot be, by its description
 
 
+@public
 @dataclass(frozen=True)
 class StudyProblem:
     """A random problem, and what the published loop does with it.
@@ -89,6 +91,7 @@ class StudyProblem:
         return cls(**tuples({**data, "stop": StopReason[data["stop"]]}))
 
 
+@public
 @dataclass(frozen=True)
 class OptimalProblem:
     """Optimal plan of a problem of the study; numbers are NaN without a plan.
@@ -139,6 +142,7 @@ class OptimalProblem:
         return cls(**tuples(known))
 
 
+@public
 @dataclass(frozen=True)
 class GroupStatistics:
     """Statistics of the loop on a group of problems.
@@ -160,6 +164,7 @@ class GroupStatistics:
     iterations: Spread
 
 
+@public
 @dataclass(frozen=True)
 class StudyStatistics:
     """Statistics of the published loop on many problems.
@@ -191,6 +196,7 @@ class StudyStatistics:
     hardware_wait_s: Spread
 
 
+@public
 @dataclass(frozen=True)
 class OptimalStatistics:
     """Statistics of the optimal planner on the same problems, both planners compared.
@@ -228,6 +234,7 @@ class OptimalStatistics:
     hardware_wait_s: Spread
 
 
+@public
 def published_study(seeds: Iterable[int], kind: Kind = "single-mode") -> Iterator[StudyProblem]:
     """Yield a problem a seed, in order, with what the published loop does with it.
 
@@ -269,6 +276,7 @@ def _studied(
     )
 
 
+@public
 def optimal_study(
     problems: Iterable[StudyProblem], robot: str | Robot = "2sra-v1-paper"
 ) -> Iterator[OptimalProblem]:
@@ -323,6 +331,7 @@ def _durations(result: Result) -> tuple[ModeSequence, float, float]:
     return made.sequence, made.duration_s, made.duration_s - made.moving_s
 
 
+@public
 def statistics(problems: Sequence[StudyProblem]) -> StudyStatistics:
     """Count what the published loop did.
 
@@ -361,6 +370,7 @@ def _group(problems: Sequence[StudyProblem]) -> GroupStatistics:
     )
 
 
+@public
 def optimal_statistics(planned: Sequence[OptimalProblem]) -> OptimalStatistics:
     """Count what the optimal planner did.
 

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import require
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
@@ -41,6 +42,7 @@ _CLONED = ("ExpData/mainExperiment*.csv", "Analysis/*.csv")
 Q = tuple[float, ...]  # of [x, y, phi, kappa_1, kappa_2]
 
 
+@public
 @dataclass(frozen=True)
 class DtwRow:
     """Distances of a log from a simulation, of x, y, phi, kappa_1 and kappa_2.
@@ -62,6 +64,7 @@ class DtwRow:
     padded: int
 
 
+@public
 @dataclass(frozen=True)
 class PhaseRow:
     """A phase of a log.
@@ -90,6 +93,7 @@ class PhaseRow:
         return self.end_s - self.begin_s
 
 
+@public
 @dataclass(frozen=True)
 class WaitingShares:
     """Shares of the time of a log.
@@ -136,6 +140,7 @@ def trial_paths(folder: str | Path) -> list[Path]:
     return paths
 
 
+@public
 def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
     """Yield the log in each CSV file of trials, by name (`trial_paths`).
 
@@ -152,6 +157,7 @@ def _log_of_two_segments(log: MotionLog) -> MotionLog:
     return log
 
 
+@public
 def trial_of(log: MotionLog) -> int | None:
     """Trial (1 to 5) whose simulation starts where a log does; None if there is none.
 
@@ -164,6 +170,7 @@ def trial_of(log: MotionLog) -> int | None:
     return nearest if off[nearest].max() <= 1.0 else None
 
 
+@public
 def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
     """Compare a log with a simulation, as published and by values alone (see the module).
 
@@ -222,6 +229,7 @@ def _cumulative(apart: Array) -> Array:
     return padded[1:, 1:]
 
 
+@public
 def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> WaitingShares:
     """Tell where the time of a log went.
 

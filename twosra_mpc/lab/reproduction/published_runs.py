@@ -27,6 +27,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.reproduction.published_model import (
     CURVATURE_RANGE,
@@ -64,6 +65,7 @@ class StopReason(enum.Enum):
     )
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class PublishedTrajectory:
     """The recorded rows of one run; row 0 is the start with mode (0, 0). Arrays are read-only.
@@ -124,6 +126,7 @@ class _Step(NamedTuple):
     moved: float  # distance from the configuration before the step
 
 
+@public
 def published_trajectory(
     start: ArrayLike,
     goal: ArrayLike,
