@@ -33,14 +33,11 @@ from twosra_mpc import (
 )
 from twosra_mpc.arguments import MADE_BY, Kind, Word, kinds
 from twosra_mpc.execution import LEVELS, Camera, Executor, SimulatedRobot, simulate
-from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.timing import Transition
 from twosra_mpc.validation import Value
 
 PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
 EXPORTS = ("export.plan_mcap", "export.ros2_mcap", "plans.setpoints")
 PAGES = Path(__file__).parents[1] / "docs/reference"
-PARTS = (Phase, Transition)  # of a plan: nobody makes them but the planner
 
 
 def public_things() -> Iterator[Any]:
@@ -56,17 +53,18 @@ def public_things() -> Iterator[Any]:
 
 
 def public_calls() -> Iterator[tuple[str, Callable[..., Any], str]]:
-    """Functions, methods and constructors, with their modules; records check their own keys."""
+    """Functions, methods, and constructors of what users make, with their modules."""
     for thing in {id(each): each for each in public_things()}.values():
         if inspect.isfunction(thing):
             yield thing.__name__, thing, thing.__module__
-        if not inspect.isclass(thing) or issubclass(thing, (Exception, Word, Value, *PARTS)):
+        if not inspect.isclass(thing) or issubclass(thing, (Exception, Word, Value)):
             continue
         constructor = "__new__" if issubclass(thing, tuple) else "__init__"
         for name in () if getattr(thing, "_is_protocol", False) else [*vars(thing)]:
             member = getattr(thing, name)
             called = inspect.isfunction(member) or inspect.ismethod(member)
-            if called and (name == constructor or not name.startswith("_")):
+            made = name == constructor and hasattr(member, "__wrapped__")
+            if called and (not name.startswith("_") or (made and thing.__name__ not in MADE_BY)):
                 yield f"{thing.__name__}.{name}", member, thing.__module__
 
 

@@ -30,41 +30,38 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_word
 
-MADE_BY = {  # kind of value -> what makes one, where it is not the call of the class
+MADE_BY = {  # kind of value -> what makes one, where it is not the call of its class
     "Axes": "figure, axes = matplotlib.pyplot.subplots()",
     "Body": 'load_robot("2sra-v1").body',
     "Clock": "SystemClock()",
     "Coordinates": 'load_robot("2sra-v1").coordinates',
-    "Cost": "plan(problem).require().cost",
-    "Disturbance": 'LEVELS["moderate"], or Disturbance(...)',
     "Explanation": "explain(result)",
-    "Figure": "plot_plan(plan), or matplotlib.pyplot.figure()",
+    "Figure": "matplotlib.pyplot.figure()",
     "Film": "animate_plan(plan)",
     "Geometry": 'load_robot("2sra-v1").geometry',
     "HeatingLog": "read_heating_log(path)",
     "Kinematics": 'kinematics(load_robot("2sra-v1"))',
     "Metrics": "simulate(problem).metrics",
-    "ModelFunction": 'kinematics(load_robot("2sra-v1")).jacobian, for example',
     "Origin": "Origin.of(name, content)",
     "Plan": "plan(problem).require(), or load_plan(path).require()",
     "PlanCheck": "check_plan(path)",
-    "Port": "a line with write(data) and read_lines(), as SerialPort of a device",
+    "Port": 'open_serial_port("/dev/ttyUSB0")',
     "PoseSource": "an object with camera and frames(now_s)",
     "Problem": 'load_problem("paper-1"), or Problem(...)',
+    "Progress": "plan(problem, on_progress=print)",
+    "Reading": "robot.read()",
     "Result": "plan(problem), or load_plan(path)",
     "Robot": 'load_robot("2sra-v1")',
     "RobotInterface": "SimulatedRobot(problem), or an object with robot, camera, read, send, wait",
     "RobotShape": "robot_shape(geometry, q)",
     "Run": "Executor(robot).run(plan)",
-    "Samples": "plan(problem).require().trajectory.samples",
+    "Samples": "plan(problem).require().samples",
     "SerialRobot": "connected(problem, port, clock)",
     "Simulation": "simulate(problem)",
-    "Stats": "plan(problem).stats",
     "ThermalFit": "identify(log, robot)",
     "TimeStretch": "plan_stretch(plan)",
     "Trajectory": "plan(problem).require().trajectory",
     "Truth": "simulate(problem).truth",
-    "Verification": "plan(problem).require().verification",
 }
 _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is given) -> its own
     ("Plan", "Result"): lambda result: result.require(),
@@ -79,45 +76,31 @@ _WRITTEN_BY = {  # what is given in place of a path -> how it becomes a file, or
 }
 
 
-def _is_real(value: Any) -> bool:
-    return (
-        isinstance(value, float | int | Real)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )
-
-
 def _numbers(value: Any) -> Any:
-    """A value as an array of numbers; None if it is not one."""
+    """A value as an array of numbers; NaN if it is none."""
     try:
-        return None if value is None else np.asarray(value, float)
+        return np.asarray(math.nan if value is None else value, float)
     except (TypeError, ValueError):
-        return None
+        return np.asarray(math.nan)
 
 
 def _is_mode(value: Any) -> bool:
-    bits = None if isinstance(value, str) else _numbers(value)
-    return bits is not None and bits.ndim == 1 and bool(np.isin(bits, (0, 1)).all())
+    bits = _numbers(value)
+    return not isinstance(value, str) and bits.ndim == 1 and bool(np.isin(bits, (0, 1)).all())
 
 
 _PATH, _TEXT, _ANYTHING = "a path", "a text", "anything"
-_MODE = "a mode: for each segment 1 (soft) or 0 (rigid), e.g. (1, 0)"
+_ARRAY = "finite numbers, one or an array, e.g. [0.0, 0.0, 0.0, 10.0, -10.0] for q"
 _PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # name of a kind -> its test, its words
     "str": (lambda value: isinstance(value, str), _TEXT),
     "bytes": (lambda value: isinstance(value, bytes), "bytes, as Path(...).read_bytes() reads"),
     "Path": (lambda value: isinstance(value, PurePath), _PATH),
-    "float": (_is_real, "a finite number"),
-    "int": (
-        lambda value: isinstance(value, int | Integral) and not isinstance(value, bool),
-        "a whole number",
-    ),
+    "float": (lambda value: isinstance(value, Real) and math.isfinite(value), "a finite number"),
+    "int": (lambda value: isinstance(value, Integral), "a whole number"),
     "bool": (lambda value: isinstance(value, bool | np.bool_), "True or False"),
-    "ArrayLike": (
-        lambda value: (array := _numbers(value)) is not None and bool(np.isfinite(array).all()),
-        "finite numbers, one or an array, e.g. [0.0, 0.0, 0.0, 10.0, -10.0] for q",
-    ),
+    "ArrayLike": (lambda value: bool(np.isfinite(_numbers(value)).all()), _ARRAY),
     "Array": (lambda value: isinstance(value, np.ndarray), "an array: numpy.array([...])"),
-    "Mode": (_is_mode, _MODE),
+    "Mode": (_is_mode, "a mode: for each segment 1 (soft) or 0 (rigid), e.g. (1, 0)"),
     "Callable": (callable, "a function"),
 }
 _PLAIN["ndarray"] = _PLAIN["Array"]
@@ -150,7 +133,7 @@ class Kind(NamedTuple):
 
     Attributes:
         words: What makes one.
-        take: A value of this kind -> itself, or what is meant by it; of another: ``_OTHER``.
+        take: A value of this kind -> itself, or what of it is meant; of another: ``_OTHER``.
         names: The few words that are allowed, if it is one of them.
     """
 
@@ -162,8 +145,8 @@ class Kind(NamedTuple):
 def public(thing: Public) -> Public:
     """Check the arguments of a public function by its annotations, and say what makes right ones.
 
-    Of a class, those of its constructor and of its public methods. Of a result where a plan is
-    meant the plan is taken, by ``require()``; of a robot its geometry.
+    Of a class, those of its methods, and of its constructor if that is called by its users. Of a
+    result where a plan is meant the plan is taken, by ``require()``; of a robot its geometry.
 
     Raises:
         InputError: If an argument is missing, unknown, or of another kind.
@@ -174,11 +157,10 @@ def public(thing: Public) -> Public:
     constructor = "__new__" if issubclass(thing, tuple) else "__init__"
     for name, member in [*vars(thing).items()]:
         function = getattr(member, "__func__", member)  # of class methods, too
-        if not inspect.isfunction(function) or (name.startswith("_") and name != constructor):
-            continue
-        own = thing.__name__ if name == constructor else name
-        checked = _checked(function, own, thing.__module__)
-        setattr(thing, name, checked if function is member else type(member)(checked))
+        if inspect.isfunction(function) and (name == constructor or not name.startswith("_")):
+            own = thing.__name__ if name == constructor else name
+            checked = _checked(function, own, thing.__module__)
+            setattr(thing, name, checked if function is member else type(member)(checked))
     return thing
 
 
@@ -187,19 +169,21 @@ def _checked(function: Any, name: str, module: str) -> Any:
 
     @functools.cache  # when it is first called: what annotations name is imported by then
     def known() -> tuple[tuple[str, ...], dict[str, Kind]]:
-        return tuple(inspect.signature(function).parameters), dict(kinds(function, module))
+        checks = {} if name in MADE_BY else dict(kinds(function, module))
+        return tuple(inspect.signature(function).parameters), checks
 
     @functools.wraps(function)
     def checked(*args: Any, **named: Any) -> Any:
         places, checks = known()
-        placed = [*args]
-        for place, (each, value) in enumerate(zip(places, args, strict=False)):
-            if each in checks:
-                placed[place] = _of_kind(checks[each], each, value, name)
-        for each in checks.keys() & named.keys():
-            named[each] = _of_kind(checks[each], each, named[each], name)
+        given = dict(zip(places, args, strict=False)) | named
+        taken = {each: kind.take(given[each]) for each, kind in checks.items() if each in given}
+        for each, value in taken.items():
+            if value is _OTHER:
+                raise _wrong_kind(checks[each], each, given[each])
+        named |= {each: taken[each] for each in taken.keys() & named.keys()}
+        placed = [taken.get(*each) for each in zip(places, args, strict=False)]
         try:
-            return function(*placed, **named)
+            return function(*placed, *args[len(placed) :], **named)
         except TypeError:
             _check_bound(name, inspect.signature(function), args, named)
             raise  # it comes from within
@@ -214,8 +198,8 @@ def kinds(function: Callable[..., Any], module: str) -> Iterator[tuple[str, Kind
         several = each.kind in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
         if each.annotation is not each.empty and not several:
             written = getattr(each.annotation, "__forward_arg__", each.annotation)
-            hint = eval(written, {}, names) if isinstance(written, str) else written
-            if (kind := kind_of(hint)).words != _ANYTHING:
+            kind = kind_of(eval(written, {}, names) if isinstance(written, str) else written)
+            if kind.words != _ANYTHING:
                 yield each.name, kind
 
 
@@ -236,15 +220,13 @@ def kind_of(hint: Any) -> Kind:
     if origin is Annotated:
         return _within(kind_of(inner[0]), inner[1:])
     if origin is Literal:
-        allowed = _tested(f"one of {', '.join(map(str, inner))}", lambda value: value in inner)
-        return allowed._replace(names=tuple(map(str, inner)))
-    if origin is not None and issubclass(origin, Callable):  # type: ignore[arg-type]
-        return _tested(_PLAIN["Callable"][1], callable)
-    if origin is not None and issubclass(origin, Mapping):
+        words = tuple(map(str, inner))
+        return Kind(f"one of {', '.join(words)}", lambda v: v if v in inner else _OTHER, words)
+    if origin is None or origin in (type, np.ndarray):
+        return _of_class(origin or hint)
+    if issubclass(origin, Mapping):
         return _table(kind_of(inner[1]))
-    if origin not in (None, type, np.ndarray) and issubclass(origin, Iterable):
-        return _list(kind_of(inner[0]), origin)
-    return _of_class(origin or hint)
+    return _of_class(Callable) if origin.__name__ == "Callable" else _list(kind_of(inner[0]))
 
 
 def _tested(words: str, holds: Callable[[Any], bool]) -> Kind:
@@ -264,7 +246,7 @@ def _either(choices: list[Kind]) -> Kind:
 
 
 def _within(kind: Kind, metadata: tuple[Any, ...]) -> Kind:
-    """Kind whose numbers have the limits of an annotation."""
+    """Kind whose values have the limits of an annotation."""
     limits = [
         (*_LIMITS[name], getattr(limit, name))
         for each in metadata
@@ -282,19 +264,16 @@ def _within(kind: Kind, metadata: tuple[Any, ...]) -> Kind:
     return kind._replace(words=f"{kind.words}, {words}" if words else kind.words, take=take)
 
 
-def _list(kind: Kind, origin: type) -> Kind:
+def _list(kind: Kind) -> Kind:
     """Kind of lists and whatever else can be gone through; looked into if that can be repeated."""
 
     def take(value: Any) -> Any:
         if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             return _OTHER
-        if not isinstance(value, Collection):
-            return value if origin is Iterable else _OTHER
-        taken = [kind.take(each) for each in value]
+        taken = [kind.take(each) for each in value] if isinstance(value, Collection) else []
         if any(each is _OTHER for each in taken):
             return _OTHER
-        same = all(a is b for a, b in zip(taken, value, strict=True))
-        return value if same or isinstance(value, np.ndarray) else taken
+        return value if all(map(operator.is_, taken, value)) else taken
 
     return Kind(f"a list, each {kind.words or 'None'}", take)
 
@@ -315,38 +294,29 @@ def _of_class(kind: Any) -> Kind:
     """Kind of values of a class, known by its name, or of objects that fulfil a protocol."""
     name = getattr(kind, "__name__", "")
     if kind in (Any, object) or isinstance(kind, TypeVar):
-        return _tested(_ANYTHING, lambda value: True)
+        return Kind(_ANYTHING, lambda value: value)
     if name in _PLAIN:
         holds, words = _PLAIN[name]
-        return _tested(words, holds)
+        truths = bool, np.bool_  # numbers for Python, and none here
+        return _tested(words, lambda v: holds(v) and (name == "bool") == isinstance(v, truths))
     able = [each for each in vars(kind) if not each.startswith("_")]
     protocol = getattr(kind, "_is_protocol", False)
 
     def take(value: Any) -> Any:
-        if protocol:
-            can = not isinstance(value, type) and all(hasattr(value, each) for each in able)
-            return value if can else _OTHER
-        classes = {each.__name__ for each in type(value).__mro__}
-        if name in classes:
+        if protocol and not isinstance(value, type) and all(hasattr(value, each) for each in able):
             return value
+        classes = {each.__name__ for each in type(value).__mro__}
         own = (_TAKEN_OF.get((name, given)) for given in classes)
-        return next((taken(value) for taken in own if taken), _OTHER)
+        return value if name in classes else next((of(value) for of in own if of), _OTHER)
 
     return Kind(f"a {name}: {MADE_BY.get(name, f'{name}(...)')}", take)
 
 
-def _of_kind(kind: Kind, name: str, value: Any, function: str) -> Any:
-    """A value of this kind, or what of it is meant; ``function`` is what asks for it."""
-    taken = kind.take(value)
-    if taken is not _OTHER:
-        return taken
-    hint = near_word(value, kind.names)
-    if function in MADE_BY:
-        hint = f"{MADE_BY[function]} makes a {function}."
-    if _PATH in kind.words:
-        classes = {each.__name__ for each in type(value).__mro__}
-        hint = next((words for each, words in _WRITTEN_BY.items() if each in classes), "")
-    raise InputError(name, value, kind.words, hint=hint)
+def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
+    """Say what makes a value of this kind."""
+    classes = {each.__name__ for each in type(value).__mro__} if _PATH in kind.words else {}
+    hints = [words for each, words in _WRITTEN_BY.items() if each in classes]
+    return InputError(name, value, kind.words, hint=(*hints, near_word(value, kind.names))[0])
 
 
 def _check_bound(
@@ -359,17 +329,9 @@ def _check_bound(
     """
     try:
         signature.bind(*args, **named)
+        return
     except TypeError as error:
-        raise _unbound(function, signature, args, named, str(error)) from None
-
-
-def _unbound(
-    function: str,
-    signature: inspect.Signature,
-    args: tuple[Any, ...],
-    named: dict[str, Any],
-    reason: str,
-) -> InputError:
+        reason = str(error)
     known = [each for each in signature.parameters.values() if each.annotation is not each.empty]
     for name in named.keys() - {each.name for each in known}:
         hint = near_word(name, [each.name for each in known])
@@ -377,13 +339,13 @@ def _unbound(
             kind = type(owner).__name__.lower()
             hint = f"{kind}.with_values({name}={named[name]!r}) makes a {kind} with it."
         allowed = f"arguments of {function}: {', '.join(each.name for each in known)}"
-        return InputError(name, named[name], allowed, hint=hint)
+        raise InputError(name, named[name], allowed, hint=hint)
     given = (*args[len(signature.parameters) - len(known) :], *named.values())
     written = ("key=..." if each.kind is each.VAR_KEYWORD else each.name for each in known)
     allowed = f"{function}({', '.join(written)}), {reason}"
     if function in MADE_BY:
         allowed = f"what {MADE_BY[function]} makes"
-    return InputError(function, given[0] if len(given) == 1 else given, allowed)
+    raise InputError(function, given[0] if len(given) == 1 else given, allowed)
 
 
 _SIZED = {  # what a robot has several of -> their words
@@ -401,6 +363,6 @@ def check_size(name: str, given: Any, size: int, what: str = "") -> None:
         InputError: Says what the numbers are.
     """
     numbers, what = _numbers(given), what or name
-    fits = numbers is not None and numbers.shape in ((size,), (size, 1))
-    if not fits or not (np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers)).all():
+    of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers)
+    if numbers.shape not in ((size,), (size, 1)) or not of_kind.all():
         raise InputError(name, given, _SIZED[what].format(size))

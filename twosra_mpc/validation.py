@@ -78,6 +78,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=1e6), _at_least(1e-6), BeforeValidat
 _Shape = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6)]
 Triple = Annotated[tuple[_Shape, _Shape, _Shape], BeforeValidator(plain)]
 Count = Annotated[int, Field(ge=0), BeforeValidator(plain)]
+TwoOrMore = Annotated[int, Field(ge=2), BeforeValidator(plain)]
 Share = Annotated[float, Field(ge=0.0, le=1.0), BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
 MOST_SEGMENTS = 4  # stiffness modes double with each

@@ -59,7 +59,6 @@ class Verdict(NamedTuple):
     lost: int = 0
 
 
-@public
 class RunEvent(NamedTuple):
     """Something worth knowing, when it happened and in words."""
 
@@ -68,7 +67,6 @@ class RunEvent(NamedTuple):
     text: str
 
 
-@public
 class Drive(NamedTuple):
     """A stretch of time in which the robot was driven in one mode [s]."""
 
@@ -77,7 +75,6 @@ class Drive(NamedTuple):
     end_s: float
 
 
-@public
 class Change(NamedTuple):
     """A segment (from 1) that has melted or frozen, and when its controller said so."""
 
@@ -86,7 +83,6 @@ class Change(NamedTuple):
     to: Stiffness
 
 
-@public
 @dataclass(frozen=True, eq=False, repr=False)
 class RunLog(ArrayValue):
     """Everything measured, believed and sent; arrays of one length, read-only.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
@@ -17,8 +16,8 @@ from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.validation import TwoOrMore
 
-Points = Annotated[int, Field(ge=2)]
 FEW_POINTS = 7  # along a segment
 
 _CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
@@ -53,7 +52,7 @@ class RobotShape(NamedTuple):
 
 
 @public
-def robot_shape(geometry: Geometry, q: ArrayLike, points: Points = 40) -> RobotShape:
+def robot_shape(geometry: Geometry, q: ArrayLike, points: TwoOrMore = 40) -> RobotShape:
     """Place the robot at q = (x, y, phi, kappa1 ... kappan) [m, m, rad, 1/m], shape (..., 3 + n).
 
     ``points`` are drawn along each segment.

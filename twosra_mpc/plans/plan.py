@@ -39,7 +39,6 @@ class Status(Word):
         return f"{self}{undecided if self is Status.FAILED else ''}"
 
 
-@public
 class Cost(NamedTuple):
     """Cost of a plan in s, and what it is made of; files of older versions say no effort."""
 
@@ -50,7 +49,6 @@ class Cost(NamedTuple):
     effort_s: float | None = None
 
 
-@public
 @dataclass(frozen=True)
 class Verification:
     """Findings of the independent re-integration and checking of a plan.

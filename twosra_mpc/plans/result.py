@@ -25,7 +25,6 @@ _NO_PLAN: dict[str, Any] = {
 _NO_MISSION: dict[str, Any] = {"tasks": [], "carried": []}
 
 
-@public
 @dataclass(frozen=True)
 class Stats:
     """Effort spent on a plan.

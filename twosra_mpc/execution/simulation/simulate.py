@@ -279,7 +279,6 @@ def _plain(truth: Truth) -> dict[str, Any]:
     return {**{name: column.tolist() for name, column in columns.items()}, **there}
 
 
-@public
 class Spread(NamedTuple):
     """Median, 90 % quantile and largest value."""
 

@@ -6,7 +6,6 @@ told, and goes on converging to the phase's end after the phase's time is over.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from dataclasses import dataclass
 
@@ -23,6 +22,7 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.validation import Number
 
 LONGEST_HORIZON = 200
 HIGHEST_RATE_HZ = 1000.0
@@ -52,30 +52,17 @@ class Measurement:
         InputError: If a value is not a finite number.
     """
 
-    time_s: float
+    time_s: Number
     phase: int | None
     q: ArrayLike
 
     def __post_init__(self) -> None:
-        try:
-            q = np.array(self.q, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError("measurement.q", self.q, "numbers") from None
-        if not np.isfinite(q).all():
-            raise InputError("measurement.q", q.tolist(), "finite numbers")
+        q = np.array(self.q, dtype=float)
         q.setflags(write=False)
         object.__setattr__(self, "q", q)
-        try:
-            object.__setattr__(self, "time_s", float(self.time_s))
-        except (TypeError, ValueError):
-            raise InputError("measurement.time_s", self.time_s, "a number of seconds") from None
-        if not math.isfinite(self.time_s):
-            raise InputError("measurement.time_s", self.time_s, "a finite number of seconds")
-        if self.phase is not None and not isinstance(self.phase, int | np.integer):
-            raise InputError("measurement.phase", self.phase, "a whole number, or None")
+        object.__setattr__(self, "time_s", float(self.time_s))
 
 
-@public
 @dataclass(frozen=True, eq=False, slots=True)
 class Command:
     """What to send to the robot until the next step; arrays are read-only.

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from twosra_mpc.arguments import Word, public
+from twosra_mpc.arguments import Word
 
 
 class Verdict(Word):
@@ -28,7 +28,6 @@ class Verdict(Word):
 _DIRECTION = {"equal": "off", "at most": "above", "at least": "below"}
 
 
-@public
 @dataclass(frozen=True)
 class Reading:
     """One way to put a claim in numbers.
@@ -78,7 +77,6 @@ class Reading:
         return f"{first}; with a caveat up to {self.caveat:z.3g}{unit} {where}"
 
 
-@public
 @dataclass(frozen=True)
 class Claim:
     """Claim of the paper, its place, and what comes of it.

@@ -54,7 +54,6 @@ class Sources:
     camera: Camera = CAMERA
 
 
-@public
 @dataclass(frozen=True)
 class PaperReport:
     """All sections, with the data that they were made of."""

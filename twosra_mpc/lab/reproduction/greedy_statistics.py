@@ -46,7 +46,6 @@ Q = tuple[float, ...]  # [x, y, phi, kappa_1, kappa_2] in m, rad, 1/m
 REFUSED = "refused"  # where the robot cannot be, by its description
 
 
-@public
 @dataclass(frozen=True)
 class StudyProblem:
     """A random problem, and what the published loop does with it.
@@ -86,12 +85,12 @@ class StudyProblem:
         return {**asdict(self), "stop": self.stop.name}
 
     @classmethod
+    @public
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Read back what ``to_dict`` wrote."""
         return cls(**tuples({**data, "stop": StopReason[data["stop"]]}))
 
 
-@public
 @dataclass(frozen=True)
 class OptimalProblem:
     """Optimal plan of a problem of the study; numbers are NaN without a plan.
@@ -136,13 +135,13 @@ class OptimalProblem:
         }
 
     @classmethod
+    @public
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Read back what ``to_dict`` wrote."""
         known = {name: math.nan if value is None else value for name, value in data.items()}
         return cls(**tuples(known))
 
 
-@public
 @dataclass(frozen=True)
 class GroupStatistics:
     """Statistics of the loop on a group of problems.
@@ -164,7 +163,6 @@ class GroupStatistics:
     iterations: Spread
 
 
-@public
 @dataclass(frozen=True)
 class StudyStatistics:
     """Statistics of the published loop on many problems.
@@ -196,7 +194,6 @@ class StudyStatistics:
     hardware_wait_s: Spread
 
 
-@public
 @dataclass(frozen=True)
 class OptimalStatistics:
     """Statistics of the optimal planner on the same problems, both planners compared.

@@ -42,7 +42,6 @@ _CLONED = ("ExpData/mainExperiment*.csv", "Analysis/*.csv")
 Q = tuple[float, ...]  # of [x, y, phi, kappa_1, kappa_2]
 
 
-@public
 @dataclass(frozen=True)
 class DtwRow:
     """Distances of a log from a simulation, of x, y, phi, kappa_1 and kappa_2.
@@ -64,7 +63,6 @@ class DtwRow:
     padded: int
 
 
-@public
 @dataclass(frozen=True)
 class PhaseRow:
     """A phase of a log.
@@ -93,7 +91,6 @@ class PhaseRow:
         return self.end_s - self.begin_s
 
 
-@public
 @dataclass(frozen=True)
 class WaitingShares:
     """Shares of the time of a log.

@@ -65,7 +65,6 @@ class StopReason(enum.Enum):
     )
 
 
-@public
 @dataclass(frozen=True, eq=False)
 class PublishedTrajectory:
     """The recorded rows of one run; row 0 is the start with mode (0, 0). Arrays are read-only.

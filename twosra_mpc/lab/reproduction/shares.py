@@ -11,12 +11,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy import stats
 
-from twosra_mpc.arguments import public
-
 Counted = TypeVar("Counted", bound=Hashable)
 
 
-@public
 @dataclass(frozen=True)
 class Share:
     """So many of so many, with Wilson's interval of 95 % confidence for the share."""
@@ -32,7 +29,6 @@ class Share:
         return self.count / self.of if self.of else math.nan
 
 
-@public
 class Spread(NamedTuple):
     """A number over problems; NaN where there is none."""
 

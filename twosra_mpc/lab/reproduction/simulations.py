@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from twosra_mpc.arguments import public
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import Array
 
 
-@public
 @dataclass(frozen=True)
 class Simulation:
     """A published simulation.
