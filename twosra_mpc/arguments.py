@@ -226,7 +226,9 @@ def kind_of(hint: Any) -> Kind:
         return _of_class(origin or hint)
     if issubclass(origin, Mapping):
         return _table(kind_of(inner[1]))
-    return _of_class(Callable) if origin.__name__ == "Callable" else _list(kind_of(inner[0]))
+    if origin.__name__ == "Callable":
+        return _of_class(Callable)
+    return _list(kind_of(inner[0]), len(inner) if origin is tuple and ... not in inner else None)
 
 
 def _tested(words: str, holds: Callable[[Any], bool]) -> Kind:
@@ -264,18 +266,19 @@ def _within(kind: Kind, metadata: tuple[Any, ...]) -> Kind:
     return kind._replace(words=f"{kind.words}, {words}" if words else kind.words, take=take)
 
 
-def _list(kind: Kind) -> Kind:
+def _list(kind: Kind, count: int | None) -> Kind:
     """Kind of lists and whatever else can be gone through; looked into if that can be repeated."""
 
     def take(value: Any) -> Any:
         if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             return _OTHER
         taken = [kind.take(each) for each in value] if isinstance(value, Collection) else []
-        if any(each is _OTHER for each in taken):
+        if any(each is _OTHER for each in taken) or len(taken) != (count or len(taken)):
             return _OTHER
         return value if all(map(operator.is_, taken, value)) else taken
 
-    return Kind(f"a list, each {kind.words or 'None'}", take)
+    several = "a list, each" if count is None else f"{count} values, each"
+    return Kind(f"{several} {kind.words or 'None'}", take)
 
 
 def _table(kind: Kind) -> Kind:
@@ -353,6 +356,7 @@ _SIZED = {  # what a robot has several of -> their words
     "mode": "a mode: {} values, for each segment 1 (soft) or 0 (rigid)",
     "kappa": "{} numbers: the curvature of each segment in 1/m",
     "wheel_rad_s": "{} numbers: the speed of each wheel in rad/s",
+    "heater_setpoint_C": "{} numbers: the set-point of each segment in C",
 }
 
 

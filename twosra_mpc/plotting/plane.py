@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.arguments import check_size, public
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting import figures
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.validation import Positive, Share
@@ -109,6 +110,7 @@ def draw_robot(
         InputError: If q or a mode is of another robot.
     """
     changes = changing or rigid_mode(geometry.segments)
+    check_size("q", q, POSE + geometry.segments)
     for name, each in (("mode", mode), ("changing", changes)):
         check_size(name, each, geometry.segments, "mode")
     robot_artists(ax, robot_shape(geometry, q), mode, changes, alpha, linewidth)

@@ -17,7 +17,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial.port import (
@@ -232,7 +232,12 @@ class SerialRobot:
         """Send a command, unless the robot stands and has just been told the same.
 
         The firmware can heat a segment or not: one to be kept warm is not heated.
+
+        Raises:
+            InputError: If there are more or fewer wheels or segments, or a number is not finite.
         """
+        check_size("wheel_rad_s", wheel_rad_s, WHEELS)
+        check_size("heater_setpoint_C", heater_setpoint_C, self.robot.geometry.segments)
         soft_C = self.robot.heater.soft_setpoint_C
         now_s, turned = self.clock.now_s(), self._turns
         self._asked = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)

@@ -15,7 +15,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
 from twosra_mpc.keys import near_word
-from twosra_mpc.validation import Count, NonNegative
+from twosra_mpc.validation import Count, NonNegative, Share
 
 
 @public
@@ -41,7 +41,7 @@ class Disturbance:
         planning_s: How long the rest is planned when it is; the last command stays in force.
     """
 
-    slip: NonNegative = 0.0
+    slip: Share = 0.0
     slip_spread: NonNegative = 0.0
     slip_noise: NonNegative = 0.0
     dead_zone_rad_s: NonNegative = 0.0

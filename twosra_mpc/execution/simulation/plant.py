@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
@@ -33,7 +33,7 @@ from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
-from twosra_mpc.validation import ArrayValue, Count, NonNegative
+from twosra_mpc.validation import ArrayValue, Count
 
 if TYPE_CHECKING:  # loaded where there are objects
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
@@ -178,13 +178,19 @@ class SimulatedRobot:
         return np.array(frames).reshape(-1, *self.objects.poses.shape)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
-        """Set wheels and heaters; wheels that are told to turn too fast turn at their limit."""
+        """Set wheels and heaters; wheels that are told to turn too fast turn at their limit.
+
+        Raises:
+            InputError: If there are more or fewer, or one is not finite.
+        """
+        check_size("wheel_rad_s", wheel_rad_s, WHEELS)
+        check_size("heater_setpoint_C", heater_setpoint_C, self.robot.geometry.segments)
         most = self.robot.limits.wheel_speed_rad_s
         told = np.clip(wheel_rad_s, -most, most)
         self._told_rad_s = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
         self._setpoint_C = heater_setpoint_C.tolist()
 
-    def wait(self, at_most_s: NonNegative) -> None:
+    def wait(self, at_most_s: float) -> None:
         """Let whole camera periods pass, at least one, until a segment reports a new stiffness."""
         left = max(1, round(at_most_s * self.camera.rate_Hz))
         still = max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
