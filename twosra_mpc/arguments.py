@@ -77,16 +77,16 @@ _WRITTEN_BY = {  # what is given in place of a path -> how it becomes a file, or
 
 
 def _numbers(value: Any) -> Any:
-    """A value as an array of numbers; NaN if it is none."""
+    """A value as an array of numbers; NaN if it is none, as words that look like numbers."""
     try:
-        return np.asarray(math.nan if value is None else value, float)
+        return np.asarray(value).astype(float, casting="same_kind")
     except (TypeError, ValueError):
         return np.asarray(math.nan)
 
 
 def _is_mode(value: Any) -> bool:
     bits = _numbers(value)
-    return not isinstance(value, str) and bits.ndim == 1 and bool(np.isin(bits, (0, 1)).all())
+    return bits.ndim == 1 and bool(np.isin(bits, (0, 1)).all())
 
 
 _PATH, _TEXT, _ANYTHING = "a path", "a text", "anything"
