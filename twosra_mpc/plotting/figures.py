@@ -14,8 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
-from twosra_mpc.files import write_bytes
+from twosra_mpc.files import ending_of, write_bytes
 from twosra_mpc.plotting.labels import settle_all
 
 RIGID_COLOUR = "#2a6fbb"
@@ -129,9 +128,13 @@ def check_figure_path(path: str | Path) -> None:
     Raises:
         InputError: If it cannot; the message lists the endings it knows.
     """
-    endings = sorted(FigureCanvasAgg(Figure()).get_supported_filetypes())
-    if Path(path).suffix[1:].lower() not in endings:
-        raise InputError("output", str(path), f"a file ending in .{', .'.join(endings)}")
+    _format(path)
+
+
+def _format(path: str | Path) -> str:
+    """Format of a figure by its ending; a pipe's is png."""
+    known = sorted(FigureCanvasAgg(Figure()).get_supported_filetypes())
+    return ending_of(path, ".png", *(f".{each}" for each in known if each != "png"))[1:]
 
 
 @public
@@ -141,7 +144,6 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     Raises:
         InputError: If the ending is unknown, or the folder cannot be written.
     """
-    check_figure_path(path)
     data = io.BytesIO()
-    figure.savefig(data, format=Path(path).suffix[1:].lower(), dpi=figure.dpi)
+    figure.savefig(data, format=_format(path), dpi=figure.dpi)
     write_bytes(path, data.getvalue())

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError, InputWarning
-from twosra_mpc.files import open_image, read_text, reading
+from twosra_mpc.files import is_device, open_image, read_text, reading
 from twosra_mpc.keys import near_key
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
@@ -103,7 +103,8 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, source)
     if abs(yaw := said.origin[2]) > _TURN_RAD:
         doubts.append(f"origin turns the map by {yaw:zg} rad, more than once (are these degrees?)")
-    channels, of_image = _pixels(path.parent / said.image, source)
+    folder = Path() if is_device(path) else path.parent  # a pipe's map is one of where it is read
+    channels, of_image = _pixels(folder / said.image, source)
     doubts += of_image
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
     lightness = np.arange(3 * _OPAQUE + 1)  # three times the mean of the colours, as ROS has it
