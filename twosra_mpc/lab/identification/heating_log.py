@@ -298,8 +298,9 @@ def rows_in(path: str | Path, columns: Sequence[str]) -> list[dict[str, str]]:
         rows.fieldnames = names
         for column in columns:
             if column not in names:
-                allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
-                raise InputError(f"column {column}", "missing", allowed, source)
+                hint = f"its heading is {','.join(names)!r}." if names else ""
+                allowed = f"a CSV file (commas) with a heading of at least {', '.join(columns)}"
+                raise InputError(f"column {column}", "missing", allowed, source, hint=hint)
         found = list(rows)
         if not found:
             raise InputError("rows", 0, "at least one row below the heading", source)
