@@ -94,7 +94,7 @@ class _TrackedPhase:
         self.begun = run.session.q.copy()
 
     def _goes_on(self) -> tuple[bool, bool]:
-        """Whether a mission goes on to bend, and whether nothing later makes good what is missed.
+        """True if a mission goes on to bend, and nothing later makes good what is missed.
 
         So it is before a bend, where a task is done, and at the end.
         """
@@ -209,7 +209,7 @@ class _TrackedPhase:
         return shares if self.rigid else shares[-1:]
 
     def _outside(self, planned: Array) -> Abort | None:
-        """Whether a rigid robot has left the corridor, or soft segments have bent apart."""
+        """True if a rigid robot has left the corridor, or soft segments have bent apart."""
         session, patience = self.session, self.patience
         away, soft = session.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
@@ -229,7 +229,7 @@ class _TrackedPhase:
         return None
 
     def _judge(self) -> Abort | None:
-        """Whether the phases to come lead to the goal's curvatures from here, as they are."""
+        """True if the phases to come lead to the goal's curvatures from here, as they are."""
         if self.mission is not None and self.mission.closes:
             return None
         patience, accuracy = self.patience, self.session.accuracy

@@ -34,7 +34,7 @@ class MeetsItselfError(TooNearError):
 
 
 def bends_into_itself(robot: Robot, q: Array, places: Array) -> bool:
-    """Whether parts overlap at one of these places (m, 3 + n), and more than they do at q."""
+    """True if parts overlap at one of these places (m, 3 + n), and more than they do at q."""
     gaps_m = body_gaps_m(robot, np.vstack([q, places])[:, POSE:])
     return bool(gaps_m[1:].min() < min(0.0, float(gaps_m[0])))
 
@@ -73,7 +73,7 @@ class Guard:
 
     @property
     def fresh(self) -> bool:
-        """Whether no drive has begun yet."""
+        """True if no drive has begun yet."""
         return not self._began_m.size
 
     def begin(self, q: Array) -> None:
@@ -81,7 +81,7 @@ class Guard:
         self._began_m = self._looked_m(q[None])
 
     def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
-        """Whether the robot must not go on.
+        """True if the robot must not go on.
 
         Args:
             mode: Mode it is in.

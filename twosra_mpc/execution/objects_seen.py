@@ -65,7 +65,7 @@ _TRIES = 20  # to move an object out of the robot
 
 
 def cage_of(problem: Problem, q: Array, number: int, in_b0: Array) -> Cage | None:
-    """Whether an object is caged where it is seen; None if it seems to overlap the robot."""
+    """True if an object is caged where it is seen; None if it seems to overlap the robot."""
     from twosra_mpc.contact.grip import caged
 
     try:

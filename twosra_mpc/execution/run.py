@@ -156,7 +156,7 @@ class Run(ArrayValue):
 
     @property
     def reached(self) -> bool:
-        """Whether the goal was reached, as far as the robot can tell."""
+        """True if the goal was reached, as far as the robot can tell."""
         return self.ending is Ending.REACHED
 
     @property

@@ -282,7 +282,7 @@ class ByReports:
         return run.schedule.setpoints(run.progress)
 
     def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
+        """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
         return run.session.mode == mode
 
     def arrived(self, run: PlanRunner) -> Abort | None:
@@ -309,7 +309,7 @@ class ByClock(ByReports):
         return setpoints
 
     def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether it is time."""
+        """True if it is time."""
         return run.clock_s >= planned_s - SAME_TIME_S
 
 

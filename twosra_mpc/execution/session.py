@@ -129,7 +129,7 @@ class Session:
 
     @property
     def stands(self) -> bool:
-        """Whether the wheels were last told to stand."""
+        """True if the wheels were last told to stand."""
         return not self._turns
 
     @property
@@ -174,7 +174,7 @@ class Session:
 
     @property
     def each_bends(self) -> bool:
-        """Whether every soft segment was seen to bend in the mode driven last."""
+        """True if every soft segment was seen to bend in the mode driven last."""
         return self._doubt is not None and self._doubt.each_bends
 
     def in_vain_s(self, segment: int) -> float:
@@ -270,7 +270,7 @@ class Session:
         return True
 
     def sure(self, scale: Array) -> bool:
-        """Whether it has been seen lately where the robot is, to a part of these (3 + n,)."""
+        """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
         patience = self._patience
         lately = self.unseen_s <= patience.unseen_s
         return lately and bool((self.deviation <= patience.known * scale).all())
@@ -290,7 +290,7 @@ class Session:
         return run.Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
 
     def _goes_on(self, mode: Mode, time_s: float) -> bool:
-        """Whether a drive at this time continues the last one."""
+        """True if a drive at this time continues the last one."""
         return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
 
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:

@@ -158,7 +158,7 @@ class SerialRobot:
 
     @property
     def reports(self) -> bool:
-        """Whether its temperatures are known."""
+        """True if its temperatures are known."""
         return self._reports
 
     def listen(self) -> None:

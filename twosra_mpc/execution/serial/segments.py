@@ -147,11 +147,11 @@ class ReportedSegment:
 
     @property
     def faulty(self) -> bool:
-        """Whether heating does not warm it."""
+        """True if heating does not warm it."""
         return self._state.protection == "fault"
 
     def switched(self, asked: bool, time_s: float) -> bool:
-        """Whether the controller would let the current flow that holds, or more."""
+        """True if the controller would let the current flow that holds, or more."""
         regulated_A, heater = self._state.current_A, self._heater
         on = asked and regulated_A >= heater.hold_current_A
         self.current_A = on * (regulated_A if heater.hold_duty == 1.0 else heater.melt_current_A)

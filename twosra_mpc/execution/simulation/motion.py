@@ -34,7 +34,7 @@ class Motion(Protocol):
         """Objects with their ``poses``; None without any."""
 
     def at_rest(self, segments: Segments) -> bool:
-        """Whether nothing moves while the wheels stand and metal is as it is."""
+        """True if nothing moves while the wheels stand and metal is as it is."""
 
     def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:
         """Return where the robot is after its wheels have turned by ``turned`` (4,) [rad]."""
@@ -119,7 +119,7 @@ class PhysicsMotion:
             self._engine.view()
 
     def at_rest(self, segments: Segments) -> bool:
-        """Whether the engine's state rests, and metal has not changed since."""
+        """True if the engine's state rests, and metal has not changed since."""
         return self._engine.at_rest(_melted(segments))
 
     def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:

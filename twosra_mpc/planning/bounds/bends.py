@@ -84,7 +84,7 @@ class BendingTask:
         return range(len(self.change))
 
     def must_bend(self, segment: int) -> bool:
-        """Whether the goal asks for another curvature of ``segment`` (from 0)."""
+        """True if the goal asks for another curvature of ``segment`` (from 0)."""
         low, high = self.met[segment]
         return not low <= 0 <= high
 
@@ -294,7 +294,7 @@ def _clipped(value: float, low: float, high: float) -> float:
 def _misses(
     bounds: tuple[float, float], task: BendingTask, change: tuple[float, float], segment: int
 ) -> bool:
-    """Whether no W within bounds is one that a segment (from 0) may change to."""
+    """True if no W within bounds is one that a segment (from 0) may change to."""
     (least, most), w, slack = bounds, task.origin[segment], task.within[segment]
     return least - w > change[1] + slack or most - w < change[0] - slack
 
@@ -319,7 +319,7 @@ def least_durations(
 
 
 def passes_forbidden(sequence: ModeSequence, task: BendingTask, bends: Array) -> bool:
-    """Whether these changes of W, one of each phase, lead through a shape that is forbidden."""
+    """True if these changes of W, one of each phase, lead through a shape that is forbidden."""
     here = np.array(task.origin)
     for mode, bend in zip(sequence, bends.tolist(), strict=True):
         before = tuple((w, w) for w in here.tolist())

@@ -177,7 +177,7 @@ def _comes_as_far(
 
 
 def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> bool:
-    """Whether stages that use these soft modes can bend as they must, one after the other.
+    """True if stages that use these soft modes can bend as they must, one after the other.
 
     Args:
         changes: (low, high) of every segment's change of W up to the end of each stage.

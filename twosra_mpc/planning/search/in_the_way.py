@@ -16,7 +16,7 @@ class InTheWay:
         return None
 
     def proves_impossible(self, sequence: ModeSequence) -> bool:
-        """Whether a sequence is proved impossible, by what is known or is worked out now."""
+        """True if a sequence is proved impossible, by what is known or is worked out now."""
         return self.blocks(sequence) is not None
 
     def least_drives_s(self, sequence: ModeSequence) -> Sequence[float]:

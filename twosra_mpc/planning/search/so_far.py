@@ -97,7 +97,7 @@ class SoFar:
         return self.timing.refusal(over.joined, over.joined[-1])
 
     def _bends(self, over: Whole) -> bool:
-        """Whether the modes can bring about the shapes of the stages."""
+        """True if the modes can bring about the shapes of the stages."""
         stages = self.nodes.variants[over.variant][: len(over.sequences)]
         if all(stage.bend is not None for stage in stages):
             return True  # else one of them were a misfit
@@ -108,7 +108,7 @@ class SoFar:
         return self._bending[key]
 
     def _stranded(self, over: Whole) -> bool:
-        """Whether the last stage is too far away for blocks alone, and there is no drive."""
+        """True if the last stage is too far away for blocks alone, and there is no drive."""
         done, stages = len(over.sequences), self.nodes.variants[over.variant]
         since = slice(done - stages[done - 1].since, done)
         way = Way().then(over.sequences[since], stages[since])
@@ -160,7 +160,7 @@ class SoFar:
         return self._onwards[key]
 
     def _must_soften(self, stage: StageBounds, whole: ModeSequence, segment: int) -> bool:
-        """Whether every completion melts a segment that was solid all the time."""
+        """True if every completion melts a segment that was solid all the time."""
         if stage.bend is None or self.nodes.first[segment] or any(mode[segment] for mode in whole):
             return False
         return stage.bend.must_bend(segment)

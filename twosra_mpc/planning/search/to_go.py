@@ -176,6 +176,6 @@ class ToGo:
         return self._known[key]
 
     def too_far(self, stage: StageBounds, way: Way) -> bool:
-        """Whether blocks alone do not come as far as a stage must, and there is no drive."""
+        """True if blocks alone do not come as far as a stage must, and there is no drive."""
         by_blocks = way.blocks * self.soft_travel_m if way.blocks else 0.0
         return not way.drives and stage.distance_m > by_blocks

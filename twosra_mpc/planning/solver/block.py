@@ -95,7 +95,7 @@ class Sweep:
         self._needed = self._around.kept_m + half
 
     def may_be_clear(self, poses: Array) -> NDArray[np.bool_]:
-        """Whether some shapes on the way are clear where the block begins at poses (m, 3), (m,)."""
+        """True if some shapes on the way are clear where the block begins at poses (m, 3), (m,)."""
         last = len(self._pieces) - 1
         left = np.arange(len(poses))
         for k in dict.fromkeys([last, 0, *range(0, last, max(1, last // _COARSE))]):
@@ -106,7 +106,7 @@ class Sweep:
         return clear
 
     def clear(self, pose: Array) -> bool:
-        """Whether the whole sweep is clear where the block begins at a pose (3,)."""
+        """True if the whole sweep is clear where the block begins at a pose (3,)."""
         corners = placed(self._pieces, np.tile(pose, (len(self._pieces), 1)))
         return bool((self._around.distances(corners) >= self._needed).all())
 

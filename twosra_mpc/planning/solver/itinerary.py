@@ -331,7 +331,7 @@ class _Stops:
 
 
 def drives(stage: Placement, sequence: ModeSequence, k: int) -> bool:
-    """Whether a stage drives before its block ``k``, or after all of them."""
+    """True if a stage drives before its block ``k``, or after all of them."""
     runs = soft_runs(sequence)
     if runs and ((k == 0 and not stage.drives_first) or (k == len(runs) and not stage.drives_last)):
         return False

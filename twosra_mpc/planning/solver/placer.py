@@ -120,7 +120,7 @@ class Placer(Generic[Solution]):
         return self._checked(itinerary.problem, candidate, network)
 
     def _proved_impossible(self, whole: Whole) -> bool:
-        """Whether obstacles are proved to forbid a sequence, as far as is known or found now."""
+        """True if obstacles are proved to forbid a sequence, as far as is known or found now."""
         pairs = zip(self.in_the_way[whole.variant], whole.sequences, strict=True)
         return any(stage.proves_impossible(sequence) for stage, sequence in pairs)
 
@@ -234,7 +234,7 @@ def _as_asked(
     bends: Bends,
     found: Array,
 ) -> bool:
-    """Whether every stage ends in a shape of its goal, and bends if it must."""
+    """True if every stage ends in a shape of its goal, and bends if it must."""
     for stage, goal, bend, shape in zip(stages, goals, bends, found, strict=True):
         low, high = goal.box(problem.start.configuration)
         off = np.maximum(low[POSE:] - shape, shape - high[POSE:])

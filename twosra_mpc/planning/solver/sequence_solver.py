@@ -71,7 +71,7 @@ class Solved:
 
     @property
     def verifies(self) -> bool:
-        """Whether its plan was made and verifies."""
+        """True if its plan was made and verifies."""
         return self.plan is not None and self.plan.verification.ok
 
     @cached_property

@@ -136,7 +136,7 @@ class Handling:
         )
 
     def _turned_as_asked(self, name: str) -> bool:
-        """Whether an object is to be carried to a heading."""
+        """True if an object is to be carried to a heading."""
         own = (task for task in carries(self.problem.tasks).values() if task.object == name)
         return any(task.phi_rad is not None for task in own)
 

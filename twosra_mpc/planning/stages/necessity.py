@@ -79,7 +79,7 @@ class Necessity(InTheWay):
         return least
 
     def proves_impossible(self, sequence: ModeSequence) -> bool:
-        """Whether a sequence is proved impossible, by what is known or is worked out now."""
+        """True if a sequence is proved impossible, by what is known or is worked out now."""
         while self.blocks(sequence) is None and self._left:
             self._left.pop(0)()
         return self.blocks(sequence) is not None
@@ -143,7 +143,7 @@ def necessities(variant: Variant) -> list[InTheWay]:
 
 
 def same_shape(problem: Problem) -> bool:
-    """Whether the goal may be reached in the shape of the start."""
+    """True if the goal may be reached in the shape of the start."""
     kappa = problem.start.configuration[POSE:]
     low, high = (end[POSE:] for end in problem.goal.box_met(problem.start.configuration))
     return bool(((low <= kappa) & (kappa <= high)).all())
