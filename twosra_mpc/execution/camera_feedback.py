@@ -175,7 +175,7 @@ class _TrackedPhase:
 
     @property
     def _seen(self) -> Array:
-        """Where the robot is, (3 + n,), its soft segments as far off as those that settle now.
+        """Configuration as seen, (3 + n,), its soft segments as far off as those that settle now.
 
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
@@ -198,7 +198,7 @@ class _TrackedPhase:
         return min(patience.near_enough * loose, max(certain, patience.finest))
 
     def _outputs(self, difference: Array) -> Array:
-        """What the phase is judged by of a difference of q, in units of the accuracy.
+        """Outputs that the phase is judged by, of a difference of q, in units of the accuracy.
 
         The pose in a rigid phase; in a soft one the mean of the bends alone: how far the units are
         dragged while they bend is not known, and a rigid drive corrects the pose.

@@ -1,4 +1,4 @@
-r"""Where the robot is believed to be: a Kalman filter of two numbers for each coordinate.
+r"""Belief of where the robot is: a Kalman filter of two numbers for each coordinate.
 
 Besides the coordinate q it estimates the response g, the share of the motion m that the model makes
 of the commands which really happens: wheels slip, and path models differ by factors.

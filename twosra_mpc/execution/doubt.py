@@ -1,4 +1,4 @@
-"""Doubt in a robot that may not do what it is told: commanded motion compared with what the camera sees.
+"""Doubts about a robot: commanded motion compared with what the camera sees.
 
 A segment that is reported soft but is solid does not bend: the units push the whole robot along
 instead. So in soft phases an odometer counts the way that the model does not explain, from each
@@ -196,12 +196,12 @@ class _Account:
 
     @property
     def told(self) -> float:
-        """What was commanded: the mean bend of the soft segments [1/m], or the way [m]."""
+        """Motion commanded: the mean bend of the soft segments [1/m], or the way [m]."""
         return self._amount(self._commanded)
 
     @property
     def found(self) -> float:
-        """What was seen of it; one segment that alone is stiff leaves half of it."""
+        """Motion seen of it; one segment that alone is stiff leaves half of it."""
         return self._amount(self.seen)
 
     def _amount(self, change: Array) -> float:
@@ -224,12 +224,12 @@ class _Account:
 
     @property
     def moved_m(self) -> float:
-        """How far the robot has moved, turning included."""
+        """Distance moved, turning included [m]."""
         return _way_m(self.seen)
 
     @property
     def pushed_m(self) -> float:
-        """How far b0 has moved beyond what was commanded."""
+        """Distance that b0 has moved beyond what was commanded [m]."""
         return float(np.linalg.norm((self.seen - self._commanded)[:2]))
 
     @property

@@ -171,7 +171,7 @@ class _Execution:
         return None
 
     def _left(self, left: Abort) -> tuple[Ending, str] | None:
-        """What an abort means: an ending, or that the rest is to be planned again."""
+        """Consequence of an abort: an ending, or that the rest is to be planned again."""
         match left.kind:
             case "time":
                 return Ending.TIME_LIMIT, left.text

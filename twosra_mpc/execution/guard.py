@@ -40,7 +40,7 @@ def bends_into_itself(robot: Robot, q: Array, places: Array) -> bool:
 
 
 class Guard:
-    """What is around a robot, and how near it may come."""
+    """Guard: what is around a robot, and how near it may come."""
 
     def __init__(
         self,
@@ -95,11 +95,11 @@ class Guard:
         return bool((self._looked_m(places) < least_m).any())
 
     def stop_m(self, deviation: Array) -> float:
-        """What is too near while the belief has a standard deviation (3 + n,) [m]."""
+        """Distance that is too near while the belief has a standard deviation (3 + n,) [m]."""
         return self._patience.stop_m + self._patience.stop_deviations * self.off_m(deviation)
 
     def off_m(self, away: Array) -> float:
-        """How far points of the outline are about, from a difference of q (3 + n,) [m]."""
+        """Distances of points of the outline, about, from a difference of q (3 + n,) [m]."""
         return float(np.linalg.norm(self._arms_m * away))
 
     def describe(self, q: Array) -> str:

@@ -31,7 +31,7 @@ _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
 class Mission:
-    """What of a mission is done, and what the robot holds.
+    """Mission as far as it is done, and what the robot holds.
 
     Attributes:
         left: Tasks that are left, in order.
@@ -118,7 +118,7 @@ class Mission:
 
     @property
     def account(self) -> tuple[tuple[float, ...], int]:
-        """When tasks were done, and how often objects were lost."""
+        """Times when tasks were done, and how often objects were lost."""
         return tuple(self.done_s), self.lost.total()
 
     @property
@@ -155,7 +155,7 @@ class Mission:
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
     def poses(self) -> Array:
-        """Where the objects are, as far as is known, (objects, 3)."""
+        """Poses of the objects, as far as is known, (objects, 3)."""
         session = self.session
         if session.objects is None:
             return np.zeros((0, POSE))
@@ -276,7 +276,7 @@ class Mission:
         return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
 
     def _off(self, task: Carry) -> float:
-        """How far the object is from where it is carried, in units of `ACCURACY`."""
+        """Distance of the object from where it is carried, in units of `ACCURACY`."""
         (far_m, turn_rad) = self._away(task)
         return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
 
@@ -351,7 +351,7 @@ class Mission:
 
 
 def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
-    """How far an object at a pose (3,) is from where a task carries it, beyond its tolerance.
+    """Distance of an object at a pose (3,) from where a task carries it, beyond its tolerance.
 
     A disc has no heading: nobody sees it turn in a cage.
 

@@ -32,7 +32,7 @@ class RobotError(TwosraError):
 @public
 @dataclass(frozen=True)
 class Camera:
-    """What is known about the camera that measures q = [x, y, phi, kappa1 ... kappan].
+    """Camera that measures q = [x, y, phi, kappa1 ... kappan].
 
     Attributes:
         rate_Hz: Frames per second.
@@ -59,7 +59,7 @@ class Camera:
 @public
 @dataclass(frozen=True, eq=False, repr=False)
 class Reading(ArrayValue):
-    """What has become known since the reading before; n segments.
+    """Reading: what has become known since the one before; n segments.
 
     Attributes:
         time_s: Now.
@@ -84,7 +84,7 @@ class Reading(ArrayValue):
     current_A: tuple[float | None, ...] | None = field(default=None, kw_only=True)
 
     def describe(self, segment: int) -> str:
-        """What is known about a segment (from 0), in words."""
+        """Words for what is known about a segment (from 0)."""
         known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:z.1f} C"
         return f"segment {segment + 1} {known}"
 
@@ -107,7 +107,7 @@ class RobotInterface(Protocol):
 
         @property
         def camera(self) -> Camera:
-            """What is known about its camera; commands are given at the camera's rate."""
+            """Its camera; commands are given at the camera's rate."""
 
     def read(self) -> Reading:
         """Return what is known now; does not wait."""

@@ -1,4 +1,4 @@
-"""What a run was: plans, events, everything measured and sent, and how it ended."""
+"""Record of a run: plans, events, everything measured and sent, and how it ended."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CHANGING = 0.5  # between 0, rigid, and 1, soft, in ``RunLog.stiffness``
 
 
 class Ending(Word):
-    """How a run ended; ``Run.reason`` says it in words."""
+    """Ending of a run; ``Run.reason`` says it in words."""
 
     REACHED = "reached"  # within the accuracy of the goal, as measured
     UNSEEN = "arrived unseen"  # by dead reckoning: nobody has seen lately, or well, where it is
@@ -48,7 +48,7 @@ class Ending(Word):
 
 
 class Verdict(NamedTuple):
-    """What carried a run out, how and why it ended, and by which plans; see `Run`."""
+    """Verdict: what carried a run out, how and why it ended, and by which plans; see `Run`."""
 
     executor: Executed
     ending: Ending
@@ -161,12 +161,12 @@ class Run(ArrayValue):
 
     @property
     def goal(self) -> GoalSet:
-        """What the run is measured by."""
+        """Goal that the run is measured by."""
         return self.problem.judged_goal
 
     @property
     def accuracy(self) -> Accuracy:
-        """How near to that is near enough."""
+        """Accuracy that is near enough."""
         return self.problem.robot.ends_within
 
     @property
@@ -208,7 +208,7 @@ class Run(ArrayValue):
 
 
 def times(count: int) -> str:
-    """How often, in words."""
+    """Number of times in words."""
     return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 

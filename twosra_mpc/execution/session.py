@@ -36,7 +36,7 @@ _CODES: dict[KnownStiffness | None, float] = {
 
 
 class Session:
-    """What is known and what was done in a run so far.
+    """State of a run: what is known, and what was done so far.
 
     Attributes:
         robot: The robot.
@@ -156,7 +156,7 @@ class Session:
 
     @property
     def path(self) -> Array:
-        """Where the robot was believed to be so far, (rows, 3 + n)."""
+        """Path as believed so far, (rows, 3 + n)."""
         return np.array([row[1] for row in self._rows] + [self.q])
 
     @property
@@ -178,7 +178,7 @@ class Session:
         return self._doubt is not None and self._doubt.each_bends
 
     def in_vain_s(self, segment: int) -> float:
-        """How long a segment (from 0) has been asked for what it is not."""
+        """Time that a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
 
     def tell(self, kind: run.EventKind, text: str) -> None:
@@ -253,7 +253,7 @@ class Session:
             raise
 
     def _looked(self, mode: Mode, share: float, at_most_s: float) -> Array:
-        """How q has changed by a look at the robot at rest since it was compared last, (3 + n,)."""
+        """Change of q by a look at the robot at rest since it was compared last, (3 + n,)."""
         self.average(self.setpoint_C, share * self._frame, at_most_s)
         before, self._compared = self._compared[1], (mode, self.q.copy())
         return self.q - before
@@ -276,7 +276,7 @@ class Session:
         return lately and bool((self.deviation <= patience.known * scale).all())
 
     def ending_unseen(self, left: bool) -> tuple[run.Ending, str]:
-        """How a run ends whose robot is not seen, or badly: at the goal as believed, or not.
+        """Ending of a run whose robot is not seen, or badly: at the goal as believed, or not.
 
         Args:
             left: Whether there is something left to do.
@@ -316,7 +316,7 @@ class Session:
         self.average(self.setpoint_C, np.zeros_like(self.q), _STOPPED_S)
 
     def _rate(self) -> Array:
-        """How fast the robot has moved in the last periods, as believed, (3 + n,) [1/s]."""
+        """Rate of motion in the last periods, as believed, (3 + n,) [1/s]."""
         if not self._lately:
             return np.zeros_like(self.q)
         time_s, q = self._lately[0]

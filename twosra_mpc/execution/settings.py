@@ -1,4 +1,4 @@
-"""When a run is content, how long it waits, and when it gives up."""
+"""Settings of runs: when one is content, how long it waits, and when it gives up."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twosra_mpc.validation import Count, NonNegative, Positive, Value
 
 
 class Patience(Value):
-    """When a run goes on, looks again, or gives a plan up. Shares are of the accuracy asked for.
+    """Patience: when a run goes on, looks again, or gives a plan up. Shares are of the accuracy.
 
     Attributes:
         rest_s: Longest rest between two looks at the heaters.
@@ -84,7 +84,7 @@ class Patience(Value):
 @public
 @dataclass(frozen=True)
 class ExecutorSettings:
-    """When an executor is content, and when it gives up.
+    """Settings of an executor: when it is content, and when it gives up.
 
     Attributes:
         patience: How long it waits, and how near to a plan it wants the robot.

@@ -56,11 +56,11 @@ Made = TypeVar("Made")
 
 
 class PoseSource(Protocol):
-    """What sees the robot: a camera with its software."""
+    """Camera with its software: what sees the robot."""
 
     @property
     def camera(self) -> Camera:
-        """What is known about it."""
+        """Its rate and noise."""
 
     def frames(self, now_s: float) -> tuple[Array, Array]:
         """New frames: when each was taken, on the clock that shows ``now_s``, and q (k, 3 + n)."""

@@ -31,7 +31,7 @@ from twosra_mpc.robot.coordinates import Array
 
 
 class Confirm(Word):
-    """When the phases of a stream begin."""
+    """Condition on which the phases of a stream begin."""
 
     REQUIRED = "required"  # by temperature reports, or not at all
     NEVER = "never"  # at the plan's times; heaters by the model
@@ -54,7 +54,7 @@ class StreamError(TwosraError):
 
 
 class StreamState(NamedTuple):
-    """Where a stream is, for a progress line.
+    """State of a stream, for a progress line.
 
     Attributes:
         time_s: Since the stream began.

@@ -1,4 +1,4 @@
-"""How a real robot differs from its model, in four levels with the sources of their numbers.
+"""Disturbances of a real robot from its model, in four levels with the sources of their numbers.
 
 Pairs are ranges to draw from, evenly; other numbers are standard deviations about the model, except
 slip, rounding and ``split``, which is the largest. Pivot, slide, unequal bending and the share of

@@ -1,4 +1,4 @@
-"""How a simulated robot moves: by a path model and its disturbances, or in a rigid-body engine."""
+"""Motion of a simulated robot: by a path model and its disturbances, or in a rigid-body engine."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Segments = Sequence[HeatedSegment]
 
 
 class Motion(Protocol):
-    """What moves a simulated robot, and the objects around it."""
+    """Motion of a simulated robot, and the objects around it."""
 
     @property
     def objects(self) -> ObjectPlant | Engine | None:

@@ -49,7 +49,7 @@ _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 @public
 @dataclass(frozen=True, eq=False, repr=False)
 class Truth(ArrayValue):
-    """What a simulated robot really did; arrays of one length, read-only.
+    """Truth about a simulated robot: what it did; arrays of one length, read-only.
 
     Attributes:
         time_s: Time, (rows,).
@@ -217,7 +217,7 @@ class SimulatedRobot:
         return result
 
     def truth(self) -> Truth:
-        """What has really happened so far."""
+        """Truth so far."""
         columns = [np.array(column, dtype=float) for column in zip(*self._told, strict=True)]
         for column in columns:
             column.setflags(write=False)
@@ -235,7 +235,7 @@ class SimulatedRobot:
 
     @property
     def mode(self) -> Mode:
-        """Which segments can in truth be bent."""
+        """Mode in truth: which segments can be bent."""
         return tuple(int(segment.soft) for segment in self.segments)
 
     def _roll(self, turning: bool) -> None:
@@ -246,7 +246,7 @@ class SimulatedRobot:
         self._forced += turning and changing
 
     def _turned(self, period_s: float) -> Array:
-        """How far the motors turn in a period, (4,) [rad]: each goes to its command with a lag."""
+        """Turns of the motors in a period, (4,) [rad]: each goes to its command with a lag."""
         lag_s, told = self._disturbance.motor_lag_s, self._told_rad_s
         behind = self._turning_rad_s - told
         left = behind * math.exp(-period_s / lag_s) if lag_s > 0 else np.zeros(WHEELS)

@@ -51,7 +51,7 @@ class Approach(NamedTuple):
 
 
 def closest_approach(world: World, geometry: Geometry, truth: Truth) -> Approach | None:
-    """How near to obstacles a robot of this geometry really came; None where there are none."""
+    """Closest approach to obstacles of a robot of this geometry; None where there are none."""
     if not world.obstacles:
         return None
     from twosra_mpc.space.separation import Proximity, arms_m
@@ -86,7 +86,7 @@ EXECUTORS = ("optimal", "greedy")
 
 @public
 class Metrics(NamedTuple):
-    """What a run came to.
+    """Metrics of a run.
 
     Attributes:
         reached: Whether the robot is in truth within the accuracy of the goal, and objects are at
@@ -289,5 +289,5 @@ class Spread(NamedTuple):
 
 @public
 def spread(runs: OneOrMore[Metrics], of: Callable[[Metrics], float]) -> Spread:
-    """How a number is distributed over runs."""
+    """Spread of a number over runs."""
     return Spread(*np.quantile([of(run) for run in runs], (0.5, 0.9, 1.0)).tolist())

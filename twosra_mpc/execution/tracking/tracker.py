@@ -30,7 +30,7 @@ PARTS = 8  # grid points per sampling period; in between, the reference is inter
 
 
 class CommandStatus(Word):
-    """Where a command comes from."""
+    """Origin of a command."""
 
     SOLVED = "solved"  # the quadratic program was solved
     HELD = "held"  # between phases: the wheels rest, the heaters follow the plan
@@ -40,7 +40,7 @@ class CommandStatus(Word):
 @public
 @dataclass(frozen=True, eq=False, slots=True)
 class Measurement:
-    """Where the robot is, and which part of the plan it should be following.
+    """Measurement of where the robot is, and which part of the plan it should be following.
 
     Attributes:
         time_s: Time in the plan [s]; in a phase that started late, the plan's start of the phase

@@ -1,4 +1,4 @@
-"""What a mode sequence must do to the bending coordinates W, as far as the task says it."""
+"""Bends: what a mode sequence must do to the bending coordinates W, as far as the task says it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUNDING = 1e-9  # of the changes of W that limits allow
 
 
 class Conserved(NamedTuple):
-    """What bending two segments together cannot change, for messages: ``factor`` (W_i - W_j)."""
+    """Invariant of bending two segments together, for messages: ``factor`` (W_i - W_j)."""
 
     name: str  # to be formatted with i and j
     unit: str
@@ -33,7 +33,7 @@ class Conserved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BendingTask:
-    """What a plan must do to the bending coordinates, and how fast it can.
+    """Task in the bending coordinates: what a plan must do to them, and how fast it can.
 
     Attributes:
         change: (low, high) of each segment: required change of W.
@@ -229,7 +229,7 @@ def middle_bends(sequence: ModeSequence, change: Intervals, free: Intervals) -> 
 
 
 class BendStep(NamedTuple):
-    """What is known of the bend of a phase.
+    """Bend of a phase, as far as it is known.
 
     Attributes:
         mode: Its mode.
@@ -257,7 +257,7 @@ class BendStep(NamedTuple):
 def bend_steps(
     sequence: ModeSequence, task: BendingTask, free: Intervals = ()
 ) -> tuple[BendStep, ...] | None:
-    """What is known of the bend of each phase; None if some are ``free`` and not bounded."""
+    """Bend of each phase, as far as it is known; None if some are ``free`` and not bounded."""
     if (ranges := _ranges(sequence, task.met, free)) is None:
         return None
     off = task.origin_within or (0.0,) * len(task.origin)

@@ -1,4 +1,4 @@
-"""What is in the robot's way, as the search asks for it."""
+"""Obstacles as the search asks for them: what is in the robot's way."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from twosra_mpc.robot.modes import ModeSequence
 
 
 class InTheWay:
-    """What is in the robot's way in a stage: in free space, nothing."""
+    """Obstacles in the robot's way in a stage: in free space, none."""
 
     def blocks(self, sequence: ModeSequence | None) -> str | None:
-        """Why a stage's sequence, or any if None, cannot be carried out, as far as is known."""
+        """Reason why a stage's sequence, or any if None, cannot be carried out, if known."""
         del sequence
         return None
 

@@ -19,7 +19,7 @@ from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, 
 
 
 class Past(NamedTuple):
-    """What the first stages of a variant take: infinite where they are proved impossible."""
+    """Least cost of the first stages of a variant: infinite where they are proved impossible."""
 
     cost: float
     phases: ModeSequence = ()
@@ -51,7 +51,7 @@ class SoFar:
     # --- Stages that are over
 
     def past(self, over: Whole) -> Past:
-        """What the first stages take with these sequences."""
+        """Least cost of the first stages with these sequences."""
         if over not in self._past:
             self._past[over] = self._passes(over) if over.sequences else Past(0.0)
         return self._past[over]
@@ -85,7 +85,7 @@ class SoFar:
         return Past(cost, joined, tuple(durations))
 
     def _impossible(self, over: Whole) -> str | None:
-        """Why these sequences cannot be, as far as that is told without times."""
+        """Reason why these sequences cannot be, as far as that is told without times."""
         pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
         if (reason := next(filter(None, misfits), None)) is not None:

@@ -80,7 +80,7 @@ def block(
 
 
 class Sweep:
-    """What a block sweeps, and whether that is clear of what is around the robot."""
+    """Sweep of a block, and whether it is clear of what is around the robot."""
 
     def __init__(
         self, block: Block, robot: Robot, world: World, sagitta_m: float = SAGITTA_M
@@ -112,7 +112,7 @@ class Sweep:
 
 
 def _travel_m(nodes: Array, geometry: Geometry, radius: float) -> Array:
-    """How far any point of the robot moves from node to node, at most, (m - 1,) [m]."""
+    """Largest travel of any point of the robot from node to node, at most, (m - 1,) [m]."""
     moved, left = np.abs(np.diff(nodes, axis=0)), geometry.inner_link_of_b0
     by_bending = moved[:, POSE:] * reach_per_curvature_m2(geometry)
     bent = np.maximum(by_bending[:, :left].sum(axis=1), by_bending[:, left:].sum(axis=1))

@@ -264,7 +264,7 @@ def _independent(vectors: Sequence[Array]) -> bool:
 
 
 def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
-    """How long each rigid phase may last without making the plan longer, alone; else 0 [s]."""
+    """Duration that each rigid phase may have without making the plan longer, alone; else 0 [s]."""
 
     def finish(durations: Sequence[float]) -> float:
         times = earliest_times(with_durations(network, durations))

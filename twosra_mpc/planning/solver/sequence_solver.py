@@ -76,7 +76,7 @@ class Solved:
 
     @cached_property
     def cost(self) -> float:
-        """What it costs [s]."""
+        """Cost of its plan [s]."""
         return cost_s(self.problem, self.candidate, self.network)
 
 
