@@ -160,7 +160,7 @@ class _Drive:
         return self.until_s, self.until_s * (1 + gain - float(inner[origin]))
 
     def _gains(self, p: Array, grid: Array, h: float, step_s: float) -> list[Array]:
-        """Gain of p . (x, y), at most, in a step from each heading to those from m before to m after."""
+        """Gain of p . (x, y), at most, in a step from each heading to those m before to m after."""
         m, gains = len(self.slices) // 2, []
         loss = (m + 2) / 4 * h * self.fastest
         for j, points in enumerate(self.slices, start=-m):
