@@ -22,7 +22,6 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.validation import Number
 
 LONGEST_HORIZON = 200
 HIGHEST_RATE_HZ = 1000.0
@@ -52,7 +51,7 @@ class Measurement:
         InputError: If a value is not a finite number.
     """
 
-    time_s: Number
+    time_s: float
     phase: int | None
     q: ArrayLike
 
