@@ -311,9 +311,7 @@ def ending_of(target: str | Path, *allowed: str) -> str:
         return ending
     if is_device(target) or _stream(target):
         return allowed[0]
-    *others, last = allowed
-    words = f"{', '.join(others)} or {last}" if others else last
-    raise InputError("output", str(target), f"a file ending in {words}")
+    raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
 
 
 def is_device(target: str | Path) -> bool:
