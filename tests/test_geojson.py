@@ -110,13 +110,19 @@ def geographic(name: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4258", "OGC:CRS83"],
+    [
+        *("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4258", "OGC:CRS83"),
+        *("http://www.opengis.net/def/crs/EPSG/0/4326", "[EPSG:4326]"),
+    ],
 )
 def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
     path = tmp_path / "lab.geojson"
-    path.write_text(json.dumps(geographic(name)))
-    with pytest.raises(InputError, match=r"lab\.geojson: crs = .*in metres.*these are degrees"):
-        read_obstacles(path)
+    part = geographic(name)
+    within = {"type": "GeometryCollection", "geometries": [polygon(SQUARE), part]}
+    for document in (part, feature(part), within, {**polygon(SQUARE), "coordRefSys": name}):
+        path.write_text(json.dumps(document))
+        with pytest.raises(InputError, match=r"lab\.geojson: crs = .*in metres.*these are degrees"):
+            read_obstacles(path)
 
 
 def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
@@ -150,7 +156,7 @@ def test_what_is_as_small_or_as_far_away_as_degrees_is_doubted(shape: shapely.Ge
 def test_features_without_a_place_are_left_out_and_counted(tmp_path: Path) -> None:
     collection = {
         "type": "FeatureCollection",
-        "features": [feature(None), feature(polygon(SQUARE), name="crate"), feature(None)],
+        "features": [feature(None), feature(polygon(SQUARE), name="crate"), feature(polygon())],
     }
     (tmp_path / "lab.geojson").write_text(json.dumps(collection))
     with pytest.warns(InputWarning, match=r"lab\.geojson: features without a geometry .*: 2$"):
@@ -194,6 +200,8 @@ WRONG: list[tuple[Any, str, str]] = [
     (polygon([[0, 0], [1, 1], [1, 0], [0, 1]]), "coordinates", "does not cross itself"),
     (polygon([[0, 0], [1, "x"], [1, 0]]), "coordinates.0", "points [x, y]"),
     (polygon([[0, 0], [1], [1, 0]]), "coordinates.0", "points [x, y]"),
+    (polygon([["0", "0"], ["1", "1"], ["1", "0"]]), "coordinates.0", "points [x, y]"),
+    (polygon([[0, 0], [179.9, 0], [180, 0.1]]), "coordinates.0 = 180.0", "degrees or millimetres"),
     (polygon([[0, 0], [1, float("nan")], [1, 0]]), "coordinates.0", "finite"),
     (polygon([[0, 0], [600, 0], [600, 400]]), "coordinates.0 = 600.0", "millimetres"),
     (polygon(SQUARE, [[x + 0.5, y] for x, y in HOLE]), "coordinates", "holes within the outline"),

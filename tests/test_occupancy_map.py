@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -181,13 +182,33 @@ def test_keys_of_other_programs_are_left_out_and_told(tmp_path: Path) -> None:
         read_map(write_map(tmp_path, [[0, 255]], f"{MAP}map_type: occupancy\n"))
 
 
-def test_an_image_that_is_stored_turned_is_doubted(tmp_path: Path) -> None:
-    path = write_map(tmp_path, [[0, 255]])
-    turned = Image.Exif()
+@pytest.mark.parametrize(
+    ("doubt", "before", "after", "saved"),
+    [
+        ("stored turned", "", "", {"exif": (turned := Image.Exif())}),
+        ("several pictures", ".png", ".gif", {"append_images": [Image.new("L", (2, 1))]}),
+        ("does not keep greys", ".png", ".jpg", {"quality": 95}),
+        ("are these degrees", "0.0]", "90.0]", {}),
+    ],
+)
+def test_what_may_be_meant_otherwise_is_doubted(
+    doubt: str, before: str, after: str, saved: dict[str, Any], tmp_path: Path
+) -> None:
     turned[0x0112] = 3
-    Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(tmp_path / "map.png", exif=turned)
-    with pytest.warns(InputWarning, match="stored turned"):
+    path = write_map(tmp_path, [[0, 255]], MAP.replace(before, after))
+    picture = Image.fromarray(np.array([[0, 255]], dtype=np.uint8))
+    name = f"map{after if after.startswith('.') else '.png'}"
+    picture.save(tmp_path / name, save_all="append_images" in saved, **saved)
+    with pytest.warns(InputWarning, match=doubt) as told:
         assert read_map(path).occupied.tolist() == [[True, False]]
+    assert len(told) == 1
+
+
+def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
+    """Programs in C++ write 1e-05 without a point, which is text in YAML 1.1."""
+    path = write_map(tmp_path, [[0]], MAP.replace("0.01", "1e-2").replace("-0.1,", "-1e-05,"))
+    found = read_map(path)
+    assert (found.cell_m, found.origin[0]) == (0.01, -1e-5)
 
 
 def test_images_of_more_than_8_bits_are_refused(tmp_path: Path) -> None:

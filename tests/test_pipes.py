@@ -76,6 +76,27 @@ def test_a_pipe_is_written_to(run_as_is: Run, tmp_path: Path) -> None:
     assert json.loads(got[0])["format"] == "twosra-plan"
 
 
+@pytest.mark.parametrize(
+    ("begins", "arguments"),
+    [
+        (b"\x89PNG", ("plan", "-", "-q", "--plot", "-")),
+        (b'{"format": "twosra-plan"', ("plan", "/dev/stdin", "-q", "--json")),
+        (b"<!DOCTYPE html>", ("report", "-", "/dev/stdout")),
+        (b"GIF89a", ("animate", "-", "-", "-q", "--seconds", "1")),
+        (b"\x89MCAP0", ("export", "-", "-", "--ros2")),
+        (b"t_s,", ("plan", "-", "-q", "--csv", "-")),
+        (b'{"format": "twosra-plan"', ("resample", "-", "-", "--rate", "2")),
+    ],
+)
+def test_a_pipe_has_no_ending_and_a_dash_is_one(begins: bytes, arguments: tuple[str, ...]) -> None:
+    """What is written into it is of the usual format, and nothing else."""
+    of_plan = arguments[0] != "plan"
+    given = solved("rigid-move").to_dict() if of_plan else SCENARIO
+    command = [sys.executable, "-m", "twosra_mpc", *arguments]
+    done = subprocess.run(command, input=json.dumps(given).encode(), capture_output=True)
+    assert done.stdout.startswith(begins), done.stderr
+
+
 @pytest.mark.parametrize("output", ["plan.json", "link.json"])
 def test_no_output_is_an_input(output: str, run_as_is: Run, tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")

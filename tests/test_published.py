@@ -395,7 +395,7 @@ def test_a_bad_configuration_is_named(
 
 @pytest.mark.parametrize("step_s", [0.0, -0.05, np.inf, np.nan])
 def test_a_bad_time_step_is_rejected(step_s: float) -> None:
-    with pytest.raises(InputError, match="allowed: a positive, finite time in s") as raised:
+    with pytest.raises(InputError, match="allowed: a finite number, more than 0") as raised:
         published_trajectory(SIMULATION_1.start, SIMULATION_1.goal, step_s=step_s)
     assert raised.value.field == "step_s"
 

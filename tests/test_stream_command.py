@@ -190,7 +190,7 @@ def test_a_missing_answer_is_told_with_the_exit_code(
         (("--port", "/dev/no-such-port"), "port = '/dev/no-such-port' is not acceptable"),
         (("--dry-run", "--log", "run.json"), "--dry-run sends nothing"),
         (("--dry-run", "--rate", "300"), "rate = 300.0 is not acceptable; allowed: from 1 to 200"),
-        (("--dry-run", "--rate", "nan"), "rate = nan is not acceptable"),
+        (("--dry-run", "--rate", "nan"), "rate_Hz = nan is not acceptable"),
         (("--dry-run", "--robot-id", "-1"), "Invalid value for '--robot-id'"),
         (("--dry-run", "--confirm", "maybe"), "Invalid value for '--confirm'"),
     ],

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import pytest
+from matplotlib.figure import Figure
 from once import solved
 
 import twosra_mpc
@@ -17,7 +19,6 @@ from twosra_mpc import (
     InputError,
     Problem,
     check_plan,
-    execution,
     json_schema,
     kinematics,
     load_plan,
@@ -26,64 +27,67 @@ from twosra_mpc import (
     obstacles_of,
     plan,
     plotting,
-    report,
     robot_names,
     save_setpoints,
     with_path_model,
 )
-from twosra_mpc.arguments import MADE_BY, checked_kind
-from twosra_mpc.execution import Executor, SimulatedRobot, simulate
+from twosra_mpc.arguments import MADE_BY, Kind, Word, kinds
+from twosra_mpc.execution import LEVELS, Camera, Executor, SimulatedRobot, simulate
 from twosra_mpc.validation import Value
 
+PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
 EXPORTS = ("export.plan_mcap", "export.ros2_mcap", "plans.setpoints")
-PLACES = (
-    *(twosra_mpc, execution, plotting, report),
-    *(importlib.import_module(f"twosra_mpc.{name}") for name in EXPORTS),
-)
-RIGHT: dict[str, object] = {"str | Path": "x", "float": 1.0, "int": 1, "bool": True, "None": None}
-RIGHT |= {"Sequence[str]": ["x"], "ArrayLike": [0.0], "Callable": print}
-RIGHT |= {"Mapping[str, Sequence[Plan]]": {}}
+PAGES = Path(__file__).parents[1] / "docs/reference"
 
 
-def public_functions() -> Iterator[Callable[..., Any]]:
-    """Public functions of the package; of exports, those that write a file."""
-    for place in PLACES:
-        exported = [name for name in vars(place) if name.startswith("save_")]
-        for name in getattr(place, "__all__", exported):
-            if inspect.isfunction(getattr(place, name)):
-                yield getattr(place, name)
+def public_things() -> Iterator[Any]:
+    """Functions and classes of the package, of exports, and those that the reference names."""
+    for place in map(importlib.import_module, PLACES):
+        yield from (getattr(place, name) for name in place.__all__)
+    for place in (importlib.import_module(f"twosra_mpc.{name}") for name in EXPORTS):
+        yield from (each for name, each in vars(place).items() if name.startswith("save_"))
+    pages = "".join(page.read_text() for page in PAGES.glob("*.md"))
+    for module, names in re.findall(r"::: (\S+)\n(?: .+\n)* +members: \[([^]]+)\]", pages):
+        place = importlib.import_module(module)
+        yield from (getattr(place, name.strip()) for name in names.split(","))
+
+
+def public_calls() -> Iterator[tuple[str, Callable[..., Any], str]]:
+    """Functions, methods, and constructors of what users make, with their modules."""
+    for thing in {id(each): each for each in public_things()}.values():
+        if inspect.isfunction(thing):
+            yield thing.__name__, thing, thing.__module__
+        if not inspect.isclass(thing) or issubclass(thing, (Exception, Word, Value)):
+            continue
+        constructor = "__new__" if issubclass(thing, tuple) else "__init__"
+        for name in () if getattr(thing, "_is_protocol", False) else [*vars(thing)]:
+            member = getattr(thing, name)
+            called = inspect.isfunction(member) or inspect.ismethod(member)
+            made = name == constructor and hasattr(member, "__wrapped__")
+            if called and (not name.startswith("_") or (made and thing.__name__ not in MADE_BY)):
+                yield f"{thing.__name__}.{name}", member, thing.__module__
 
 
 def arguments() -> Iterator[Any]:
-    """Arguments of public functions that are of a kind which is known."""
-    for function in dict.fromkeys(public_functions()):
-        for argument, parameter in inspect.signature(function).parameters.items():
-            if hasattr(function, "__wrapped__") and checked_kind(str(parameter.annotation)):
-                yield pytest.param(function, argument, id=f"{function.__name__}-{argument}")
+    for name, function, module in public_calls():
+        for argument, kind in kinds(function, module):
+            yield pytest.param(function, argument, kind, id=f"{name}-{argument}")
 
 
-def right(annotation: str) -> object:
-    """What passes as of this kind; a class is known by its name."""
-    kind, *_ = checked_kind(annotation) or ("None",)
-    return RIGHT[kind] if kind in RIGHT else type(kind, (), {})()
-
-
-@pytest.mark.parametrize(("function", "argument"), [*arguments()])
-def test_every_public_function_says_what_makes_the_right_argument(
-    function: Callable[..., Any], argument: str
+@pytest.mark.parametrize(("function", "argument", "kind"), [*arguments()])
+def test_every_public_call_says_what_makes_the_right_argument(
+    function: Callable[..., Any], argument: str, kind: Kind
 ) -> None:
-    """Each argument is of no kind while all others are right: it is named, and nothing is run."""
-    parameters = inspect.signature(function).parameters
-    given = {
-        name: right(str(each.annotation))
-        for name, each in parameters.items()
-        if each.default is each.empty and each.kind is not each.VAR_KEYWORD
-    }
-    kind, *_ = checked_kind(str(parameters[argument].annotation))
+    """An argument of no kind is named, and nothing is run."""
     with pytest.raises(InputError) as error:
-        function(**given | {argument: object()})
-    assert error.value.field == argument
-    assert MADE_BY.get(kind, "a") in error.value.allowed
+        function(**{argument: object()})
+    assert (error.value.field, error.value.allowed) == (argument, kind.words)
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), "1", True, 1j, [1.0]])
+def test_a_number_is_finite_and_a_number(number: object) -> None:
+    with pytest.raises(InputError, match=r"rate_Hz = .*a finite number"):
+        save_setpoints(solved("rigid-move").require(), "x.csv", number)  # type: ignore[arg-type]
 
 
 def test_no_function_of_the_package_is_left_unchecked() -> None:
@@ -110,9 +114,9 @@ def test_the_kinematics_says_which_argument_does_not_fit(name: str) -> None:
         assert function(*(right[each] for each in names)) is not None
         for each in names:
             wrong = [right[each][1:], [*right[each], 0.0], [right[each]], "q", None, 1.0, robot]
-            wrong += [ca.SX.sym("q", len(right[each]) + 1)]
+            wrong += [ca.SX.sym("q", len(right[each]) + 1), [float("nan")] * len(right[each])]
             if each == "sigma":
-                wrong += [(2,) * n, (0.5,) * n, (-1,) * n, (float("nan"),) * n]
+                wrong += [(2,) * n, (0.5,) * n, (-1,) * n]
             for given in wrong:
                 with pytest.raises(InputError) as error:
                     function(*((right | {each: given})[name] for name in names))
@@ -137,6 +141,19 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda problem, _: delattr(problem, "gap"), r"with_values\(gap=\.\.\.\)"),
     (lambda _, __: obstacles_of("map.json"), r"read_obstacles\(path\)"),
     (lambda _, result: load_plan(result), r"result\.require\(\)"),
+    (lambda problem, _: problem.with_values(0.1), r"with_values\(key=\.\.\.\)"),
+    (lambda problem, _: SimulatedRobot(problem, seed=-1), "at least 0"),
+    (lambda problem, _: simulate(problem, disturbance=LEVELS["mild"]), "a text"),  # type: ignore[arg-type]
+    (lambda _, result: simulate(load_problem("paper-2"), plan=result), "this very problem"),
+    (lambda _, result: result.require().trajectory.at("x"), "finite numbers"),
+    (lambda _, result: result.require().trajectory.at([0.0, float("nan")]), "finite numbers"),
+    (lambda _, result: result.require().trajectory.at([[0.0], [1.0]]), "a list of them"),
+    (lambda _, result: plotting.plot_snapshots(result, times_s=[]), "at least 1 of them"),
+    (lambda _, result: plotting.draw_sweep(plotting.plot_plan(result), result), "subplots"),  # type: ignore[arg-type]
+    (lambda _, __: Executor("COM3"), r"SimulatedRobot\(problem\)"),  # type: ignore[arg-type]
+    (lambda _, __: Executor(SimulatedRobot), r"SimulatedRobot\(problem\)"),  # type: ignore[arg-type]
+    (lambda _, __: Camera(rate_Hz=-1), "more than 0"),
+    (lambda _, __: twosra_mpc.Status("optimum"), "optimal, feasible, infeasible, failed"),
     (lambda _, __: json_schema("problem"), "scenario, robot, plan"),  # type: ignore[arg-type]
 ]
 
@@ -146,6 +163,15 @@ def test_wrong_calls_are_answered(call: Callable[[Problem, Any], object], words:
     result = solved("rigid-move")
     with pytest.raises(InputError, match=words):
         call(result.problem, result)
+
+
+@pytest.mark.parametrize("wrong", [(1,), (1, 0, 1), (2, 0), "10", None, 1])
+def test_a_mode_is_drawn_of_its_robot(wrong: Any) -> None:
+    robot, axes = load_robot("2sra-v1"), Figure().add_subplot()
+    with pytest.raises(InputError, match=r"^mode = .*1 \(soft\)"):
+        plotting.draw_robot(axes, robot.geometry, [0.0] * 5, wrong)
+    with pytest.raises(InputError, match=r"^changing = .*1 \(soft\)"):
+        plotting.draw_robot(axes, robot.geometry, [0.0] * 5, (0, 0), changing=wrong)
 
 
 def test_a_result_is_taken_where_a_plan_is_meant(tmp_path: Path) -> None:

@@ -2,68 +2,70 @@
 
 from __future__ import annotations
 
+import builtins
+import enum
 import functools
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import math
+import operator
+import sys
+import types
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from numbers import Integral, Real
 from pathlib import PurePath
-from typing import Any, ParamSpec, TypeVar
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    NoReturn,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_word
 
-MADE_BY = {  # kind of value -> what makes one
-    "Problem": 'load_problem("paper-1"), or Problem(...)',
-    "Plan": "plan(problem).require(), or load_plan(path).require()",
-    "Result": "plan(problem), or load_plan(path)",
-    "Robot": 'load_robot("2sra-v1")',
+MADE_BY = {  # kind of value -> what makes one, where it is not the call of its class
+    "Axes": "figure, axes = matplotlib.pyplot.subplots()",
     "Body": 'load_robot("2sra-v1").body',
+    "Clock": "SystemClock()",
+    "Coordinates": 'load_robot("2sra-v1").coordinates',
+    "Explanation": "explain(result)",
+    "Figure": "matplotlib.pyplot.figure()",
+    "Film": "animate_plan(plan)",
     "Geometry": 'load_robot("2sra-v1").geometry',
-    "Run": "Executor(robot).run(plan)",
     "HeatingLog": "read_heating_log(path)",
     "Kinematics": 'kinematics(load_robot("2sra-v1"))',
-    "RobotShape": "robot_shape(geometry, q)",
-    "Explanation": "explain(result)",
+    "Metrics": "simulate(problem).metrics",
+    "Origin": "Origin.of(name, content)",
+    "Plan": "plan(problem).require(), or load_plan(path).require()",
     "PlanCheck": "check_plan(path)",
+    "Port": 'open_serial_port("/dev/ttyUSB0")',
+    "PoseSource": "an object with camera and frames(now_s)",
+    "Problem": 'load_problem("paper-1"), or Problem(...)',
+    "Progress": "plan(problem, on_progress=print)",
+    "Reading": "robot.read()",
+    "Result": "plan(problem), or load_plan(path)",
+    "Robot": 'load_robot("2sra-v1")',
+    "RobotInterface": "SimulatedRobot(problem), or an object with robot, camera, read, send, wait",
+    "RobotShape": "robot_shape(geometry, q)",
+    "Run": "Executor(robot).run(plan)",
+    "Samples": "plan(problem).require().samples",
+    "SerialRobot": "connected(problem, port, clock)",
+    "Simulation": "simulate(problem)",
+    "ThermalFit": "identify(log, robot)",
+    "TimeStretch": "plan_stretch(plan)",
+    "Trajectory": "plan(problem).require().trajectory",
+    "Truth": "simulate(problem).truth",
 }
 _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is given) -> its own
     ("Plan", "Result"): lambda result: result.require(),
     ("Geometry", "Robot"): lambda robot: robot.geometry,
-}
-
-
-def _are_plans(value: Any) -> bool:
-    listed = isinstance(value, Sequence)
-    return listed and all("Plan" in {k.__name__ for k in type(each).__mro__} for each in value)
-
-
-def _is_numbers(value: Any) -> bool:
-    try:
-        return np.asarray(value, float).ndim > 0
-    except (TypeError, ValueError):
-        return False
-
-
-_PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # kind -> its test, and its words
-    "str | Path": (lambda value: isinstance(value, str | PurePath), "a path"),
-    "float": (lambda value: isinstance(value, Real) and not isinstance(value, bool), "a number"),
-    "int": (
-        lambda value: isinstance(value, Integral) and not isinstance(value, bool),
-        "a whole number",
-    ),
-    "bool": (lambda value: isinstance(value, bool | np.bool_), "True or False"),
-    "Sequence[str]": (
-        lambda value: isinstance(value, Sequence) and not isinstance(value, str),
-        "a list of names",
-    ),
-    "ArrayLike": (_is_numbers, "an array of numbers, e.g. [0.0, 0.0, 0.0, 10.0, -10.0] for q"),
-    "Callable": (callable, "a function"),
-    "Mapping[str, Sequence[Plan]]": (
-        lambda value: isinstance(value, Mapping) and all(map(_are_plans, value.values())),
-        'lists of plans by name, e.g. {"paper-1": [plan(problem).require()]}',
-    ),
 }
 _WRITTEN_BY = {  # what is given in place of a path -> how it becomes a file, or needs none
     "dict": "a table of keys becomes one by Problem(**table), or Robot(**table).",
@@ -72,101 +74,299 @@ _WRITTEN_BY = {  # what is given in place of a path -> how it becomes a file, or
     "Problem": "it is a problem already.",
     "Robot": "it is a robot already.",
 }
-Parameters = ParamSpec("Parameters")
-Returned = TypeVar("Returned")
 
 
-def public(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
+def _numbers(value: Any) -> Any:
+    """A value as an array of numbers; NaN if it is none, as words that look like numbers."""
+    try:
+        return np.asarray(value).astype(float, casting="same_kind")
+    except (TypeError, ValueError):
+        return np.asarray(math.nan)
+
+
+def _is_mode(value: Any) -> bool:
+    bits = _numbers(value)
+    return bits.ndim == 1 and bool(np.isin(bits, (0, 1)).all())
+
+
+_PATH, _TEXT, _ANYTHING = "a path", "a text", "anything"
+_ARRAY = "finite numbers, one or an array, e.g. [0.0, 0.0, 0.0, 10.0, -10.0] for q"
+_PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # name of a kind -> its test, its words
+    "str": (lambda value: isinstance(value, str), _TEXT),
+    "bytes": (lambda value: isinstance(value, bytes), "bytes, as Path(...).read_bytes() reads"),
+    "Path": (lambda value: isinstance(value, PurePath), _PATH),
+    "float": (lambda value: isinstance(value, Real) and math.isfinite(value), "a finite number"),
+    "int": (lambda value: isinstance(value, Integral), "a whole number"),
+    "bool": (lambda value: isinstance(value, bool | np.bool_), "True or False"),
+    "ArrayLike": (lambda value: bool(np.isfinite(_numbers(value)).all()), _ARRAY),
+    "Array": (lambda value: isinstance(value, np.ndarray), "an array: numpy.array([...])"),
+    "Mode": (_is_mode, "a mode: for each segment 1 (soft) or 0 (rigid), e.g. (1, 0)"),
+    "Callable": (callable, "a function"),
+}
+_PLAIN["ndarray"] = _PLAIN["Array"]
+_MARKED = {name: type(name, (), {}) for name in ("ArrayLike", "Array", "Mode")}
+_LIMITS: dict[str, tuple[str, Callable[[Any, Any], bool]]] = {  # of annotations
+    "gt": ("more than {:zg}", operator.gt),
+    "ge": ("at least {:zg}", operator.ge),
+    "lt": ("less than {:zg}", operator.lt),
+    "le": ("at most {:zg}", operator.le),
+    "min_length": ("at least {} of them", lambda value, least: len(value) >= least),
+}
+_OTHER = object()  # in place of a value that is of another kind
+Public = TypeVar("Public", bound=Callable[..., Any])
+
+
+class Word(enum.StrEnum):
+    """One of a few words.
+
+    Raises:
+        InputError: If it is none of them.
+    """
+
+    @classmethod
+    def _missing_(cls, value: object) -> NoReturn:
+        raise InputError(cls.__name__, value, ", ".join(cls), hint=near_word(value, cls))
+
+
+class Kind(NamedTuple):
+    """Kind of arguments.
+
+    Attributes:
+        words: What makes one.
+        take: A value of this kind -> itself, or what of it is meant; of another: ``_OTHER``.
+        names: The few words that are allowed, if it is one of them.
+    """
+
+    words: str
+    take: Callable[[Any], Any]
+    names: tuple[str, ...] = ()
+
+
+def public(thing: Public) -> Public:
     """Check the arguments of a public function by its annotations, and say what makes right ones.
 
-    Of a result where a plan is meant the plan is taken, by ``require()``; of a robot its geometry.
+    Of a class, those of its methods, and of its constructor if that is called by its users. Of a
+    result where a plan is meant the plan is taken, by ``require()``; of a robot its geometry.
 
     Raises:
         InputError: If an argument is missing, unknown, or of another kind.
     """
-    signature = inspect.signature(function)
-    kinds = {
-        name: kind
-        for name, parameter in signature.parameters.items()
-        if (kind := checked_kind(str(parameter.annotation)))
-    }
+    if not isinstance(thing, type):
+        checked: Public = _checked(thing, thing.__name__, thing.__module__)
+        return checked
+    constructor = "__new__" if issubclass(thing, tuple) else "__init__"
+    for name, member in [*vars(thing).items()]:
+        function = getattr(member, "__func__", member)  # of class methods, too
+        if inspect.isfunction(function) and (name == constructor or not name.startswith("_")):
+            own = thing.__name__ if name == constructor else name
+            checked = _checked(function, own, thing.__module__)
+            setattr(thing, name, checked if function is member else type(member)(checked))
+    return thing
+
+
+def _checked(function: Any, name: str, module: str) -> Any:
+    """A function under this name that looks at its arguments first."""
+
+    @functools.cache  # when it is first called: what annotations name is imported by then
+    def known() -> tuple[tuple[str, ...], dict[str, Kind]]:
+        checks = {} if name in MADE_BY else dict(kinds(function, module))
+        return tuple(inspect.signature(function).parameters), checks
 
     @functools.wraps(function)
-    def checked(*args: Parameters.args, **named: Parameters.kwargs) -> Returned:
+    def checked(*args: Any, **named: Any) -> Any:
+        places, checks = known()
+        given = dict(zip(places, args, strict=False)) | named
+        taken = {each: kind.take(given[each]) for each, kind in checks.items() if each in given}
+        for each, value in taken.items():
+            if value is _OTHER:
+                raise _wrong_kind(checks[each], each, given[each])
+        named |= {each: taken[each] for each in taken.keys() & named.keys()}
+        placed = [taken.get(*each) for each in zip(places, args, strict=False)]
         try:
-            given = signature.bind(*args, **named)
-        except TypeError as error:
-            raise _wrong_arguments(function.__name__, signature, args, named, error) from None
-        for name, value in given.arguments.items():
-            if name in kinds:
-                given.arguments[name] = _of_kind(kinds[name], name, value)
-        return function(*given.args, **given.kwargs)
+            return function(*placed, *args[len(placed) :], **named)
+        except TypeError:
+            _check_bound(name, inspect.signature(function), args, named)
+            raise  # it comes from within
 
     return checked
 
 
-def checked_kind(annotation: str) -> tuple[str, ...]:
-    """Kinds that an annotation allows, "None" among them; empty where they are not known."""
-    text = annotation.removesuffix(" | None")
-    kinds = (text,) if text in _PLAIN else tuple(text.split(" | "))
-    kinds = ("Callable",) if text.startswith("Callable[") else kinds
-    known = all(kind in _PLAIN or kind in MADE_BY for kind in kinds)
-    return (*kinds, *["None"] * (text != annotation)) if known else ()
+def kinds(function: Callable[..., Any], module: str) -> Iterator[tuple[str, Kind]]:
+    """Parameters whose values are checked, by their annotations, and of which kind they are."""
+    names = _Names(vars(sys.modules[module]) | _MARKED)
+    for each in inspect.signature(function).parameters.values():
+        several = each.kind in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
+        if each.annotation is not each.empty and not several:
+            written = getattr(each.annotation, "__forward_arg__", each.annotation)
+            kind = kind_of(eval(written, {}, names) if isinstance(written, str) else written)
+            if kind.words != _ANYTHING:
+                yield each.name, kind
 
 
-def _of_kind(kinds: tuple[str, ...], name: str, value: Any) -> Any:
-    """A value of one of these kinds, classes by their names; the plan of a result."""
-    classes = {each.__name__ for each in type(value).__mro__}
-    for kind in kinds:
-        if kind in classes or (kind in _PLAIN and _PLAIN[kind][0](value)):
-            return value
-    if value is None and "None" in kinds:
-        return value
-    for (kind, given), take in _TAKEN_OF.items():
-        if kind in kinds and given in classes:
-            return take(value)
-    allowed = [
-        _PLAIN[kind][1] if kind in _PLAIN else f"a {kind}: {MADE_BY[kind]}"
-        for kind in kinds
-        if kind != "None"
+class _Names(dict[str, Any]):
+    """Names of a module; what it imports for type checkers alone is an empty class of that name."""
+
+    def __missing__(self, name: str) -> Any:
+        return getattr(builtins, name) if hasattr(builtins, name) else type(name, (), {})
+
+
+def kind_of(hint: Any) -> Kind:
+    """Kind that an annotation means."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is None or hint is types.NoneType:
+        return _tested("", lambda value: value is None)
+    if origin in (Union, types.UnionType):
+        return _either([kind_of(each) for each in inner])
+    if origin is Annotated:
+        return _within(kind_of(inner[0]), inner[1:])
+    if origin is Literal:
+        words = tuple(map(str, inner))
+        return Kind(f"one of {', '.join(words)}", lambda v: v if v in inner else _OTHER, words)
+    if origin is None or origin in (type, np.ndarray):
+        return _of_class(origin or hint)
+    if issubclass(origin, Mapping):
+        return _table(kind_of(inner[1]))
+    if origin.__name__ == "Callable":
+        return _of_class(Callable)
+    return _list(kind_of(inner[0]), len(inner) if origin is tuple and ... not in inner else None)
+
+
+def _tested(words: str, holds: Callable[[Any], bool]) -> Kind:
+    return Kind(words, lambda value: value if holds(value) else _OTHER)
+
+
+def _either(choices: list[Kind]) -> Kind:
+    """Kind of values that are of one of these."""
+
+    def take(value: Any) -> Any:
+        taken = (each.take(value) for each in choices)
+        return next((each for each in taken if each is not _OTHER), _OTHER)
+
+    words = [each.words for each in choices if each.words]
+    words = [each for each in words if each != _TEXT or _PATH not in words]
+    return Kind(", or ".join(words), take, sum((each.names for each in choices), ()))
+
+
+def _within(kind: Kind, metadata: tuple[Any, ...]) -> Kind:
+    """Kind whose values have the limits of an annotation."""
+    limits = [
+        (*_LIMITS[name], getattr(limit, name))
+        for each in metadata
+        for limit in getattr(each, "metadata", (each,))
+        for name in _LIMITS
+        if hasattr(limit, name)
     ]
-    hints = [hint for each, hint in _WRITTEN_BY.items() if each in classes]
-    hint = hints[0] if hints and "str | Path" in kinds else ""
-    raise InputError(name, value, ", or ".join(allowed), hint=hint)
+
+    def take(value: Any) -> Any:
+        taken = kind.take(value)
+        inside = taken is not _OTHER and all(holds(taken, limit) for _, holds, limit in limits)
+        return taken if inside else _OTHER
+
+    words = " and ".join(said.format(limit) for said, _, limit in limits)
+    return kind._replace(words=f"{kind.words}, {words}" if words else kind.words, take=take)
 
 
-def made(kind: type[Returned]) -> type[Returned]:
-    """Let a class whose values a function makes say which one, where its call does not fit."""
-    method = "__new__" if issubclass(kind, tuple) else "__init__"
-    build = getattr(kind, method)
+def _list(kind: Kind, count: int | None) -> Kind:
+    """Kind of lists and whatever else can be gone through; looked into if that can be repeated."""
 
-    @functools.wraps(build)
-    def checked(own: Any, *args: Any, **named: Any) -> Any:
-        try:
-            return build(own, *args, **named)
-        except TypeError as error:
-            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
-                raise  # it comes from within
-            given = (*args, *named.values())
-            raise InputError(kind.__name__, given, f"what {MADE_BY[kind.__name__]} makes") from None
+    def take(value: Any) -> Any:
+        if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+            return _OTHER
+        taken = [kind.take(each) for each in value] if isinstance(value, Collection) else []
+        if any(each is _OTHER for each in taken) or len(taken) != (count or len(taken)):
+            return _OTHER
+        return value if all(map(operator.is_, taken, value)) else taken
 
-    setattr(kind, method, checked)
-    return kind
+    several = "a list, each" if count is None else f"{count} values, each"
+    return Kind(f"{several} {kind.words or 'None'}", take)
 
 
-def _wrong_arguments(
-    function: str,
-    signature: inspect.Signature,
-    args: Sequence[Any],
-    named: dict[str, Any],
-    error: TypeError,
-) -> InputError:
-    """Name the argument that does not fit; keys of a value among them are changed in the value."""
-    known = ", ".join(signature.parameters)
-    for name in named.keys() - signature.parameters.keys():
-        hint = near_word(name, [*signature.parameters])
+def _table(kind: Kind) -> Kind:
+    """Kind of tables of values by their names."""
+
+    def take(value: Any) -> Any:
+        if not isinstance(value, Mapping) or not all(isinstance(each, str) for each in value):
+            return _OTHER
+        taken = {name: kind.take(each) for name, each in value.items()}
+        return _OTHER if any(each is _OTHER for each in taken.values()) else taken
+
+    return Kind(f'a table by names, {{"name": ...}}, of {kind.words}', take)
+
+
+def _of_class(kind: Any) -> Kind:
+    """Kind of values of a class, known by its name, or of objects that fulfil a protocol."""
+    name = getattr(kind, "__name__", "")
+    if kind in (Any, object) or isinstance(kind, TypeVar):
+        return Kind(_ANYTHING, lambda value: value)
+    if name in _PLAIN:
+        holds, words = _PLAIN[name]
+        truths = bool, np.bool_  # numbers for Python, and none here
+        return _tested(words, lambda v: holds(v) and (name == "bool") == isinstance(v, truths))
+    able = [each for each in vars(kind) if not each.startswith("_")]
+    protocol = getattr(kind, "_is_protocol", False)
+
+    def take(value: Any) -> Any:
+        if protocol and not isinstance(value, type) and all(hasattr(value, each) for each in able):
+            return value
+        classes = {each.__name__ for each in type(value).__mro__}
+        own = (_TAKEN_OF.get((name, given)) for given in classes)
+        return value if name in classes else next((of(value) for of in own if of), _OTHER)
+
+    return Kind(f"a {name}: {MADE_BY.get(name, f'{name}(...)')}", take)
+
+
+def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
+    """Say what makes a value of this kind."""
+    classes = {each.__name__ for each in type(value).__mro__} if _PATH in kind.words else {}
+    hints = [words for each, words in _WRITTEN_BY.items() if each in classes]
+    return InputError(name, value, kind.words, hint=(*hints, near_word(value, kind.names))[0])
+
+
+def _check_bound(
+    function: str, signature: inspect.Signature, args: tuple[Any, ...], named: dict[str, Any]
+) -> None:
+    """Name the argument that does not fit, if any.
+
+    Raises:
+        InputError: If one is missing or unknown; keys of a value are changed in the value.
+    """
+    try:
+        signature.bind(*args, **named)
+        return
+    except TypeError as error:
+        reason = str(error)
+    known = [each for each in signature.parameters.values() if each.annotation is not each.empty]
+    for name in named.keys() - {each.name for each in known}:
+        hint = near_word(name, [each.name for each in known])
         for owner in (each for each in args if name in getattr(type(each), "model_fields", ())):
             kind = type(owner).__name__.lower()
             hint = f"{kind}.with_values({name}={named[name]!r}) makes a {kind} with it."
-        return InputError(name, named[name], f"arguments of {function}: {known}", hint=hint)
-    return InputError(function, f"{len(args) + len(named)} arguments", f"{known} ({error})")
+        allowed = f"arguments of {function}: {', '.join(each.name for each in known)}"
+        raise InputError(name, named[name], allowed, hint=hint)
+    given = (*args[len(signature.parameters) - len(known) :], *named.values())
+    written = ("key=..." if each.kind is each.VAR_KEYWORD else each.name for each in known)
+    allowed = f"{function}({', '.join(written)}), {reason}"
+    if function in MADE_BY:
+        allowed = f"what {MADE_BY[function]} makes"
+    raise InputError(function, given[0] if len(given) == 1 else given, allowed)
+
+
+_SIZED = {  # what a robot has several of -> their words
+    "q": "{} numbers: x_m, y_m, phi_rad and the curvature of each segment in 1/m",
+    "mode": "a mode: {} values, for each segment 1 (soft) or 0 (rigid)",
+    "kappa": "{} numbers: the curvature of each segment in 1/m",
+    "wheel_rad_s": "{} numbers: the speed of each wheel in rad/s",
+    "heater_setpoint_C": "{} numbers: the set-point of each segment in C",
+}
+
+
+def check_size(name: str, given: Any, size: int, what: str = "") -> None:
+    """Check that an argument is so many finite numbers; a mode, of 1 and 0.
+
+    Raises:
+        InputError: Says what the numbers are.
+    """
+    numbers, what = _numbers(given), what or name
+    of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers)
+    if numbers.shape not in ((size,), (size, 1)) or not of_kind.all():
+        raise InputError(name, given, _SIZED[what].format(size))

@@ -12,7 +12,6 @@ function needs to hand them down.
 
 from __future__ import annotations
 
-import enum
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator
@@ -21,6 +20,7 @@ from contextvars import ContextVar
 from functools import lru_cache, update_wrapper
 from typing import ParamSpec, TypeVar
 
+from twosra_mpc.arguments import Word
 from twosra_mpc.errors import TwosraError
 
 OVERTIME = 500  # units of work that what was begun in time may take more
@@ -70,7 +70,7 @@ class Cost:
     KEPT = 1  # what was kept: as much as it cost when it was made
 
 
-class Ending(enum.StrEnum):
+class Ending(Word):
     """Reason for the end of a search."""
 
     CLOSED = "closed"  # the incumbent is within the gap of the lower bound

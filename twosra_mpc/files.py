@@ -290,6 +290,20 @@ def check_writable(target: str | Path) -> None:
         raise InputError("output", str(target), "a path in a folder that exists and can be written")
 
 
+def ending_of(target: str | Path, *allowed: str) -> str:
+    """Ending of an output, which says its format; of a pipe or a device the first that is allowed.
+
+    Raises:
+        InputError: If it is none of those allowed.
+    """
+    ending = Path(target).suffix.lower()
+    if ending in allowed:
+        return ending
+    if is_device(target) or _stream(target):
+        return allowed[0]
+    raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
+
+
 def is_device(target: str | Path) -> bool:
     """True if a path is a device or a pipe, which may be written to more than once."""
     return os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target)

@@ -32,7 +32,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
-from twosra_mpc.arguments import MADE_BY
+from twosra_mpc.arguments import MADE_BY, public
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
 
@@ -78,6 +78,9 @@ Rate = Annotated[float, Field(gt=0.0, le=1e9), _at_least(1e-5), BeforeValidator(
 Seconds = Annotated[float, Field(gt=0.0, le=1e6), _at_least(1e-6), BeforeValidator(plain)]
 _Shape = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6)]
 Triple = Annotated[tuple[_Shape, _Shape, _Shape], BeforeValidator(plain)]
+Count = Annotated[int, Field(ge=0), BeforeValidator(plain)]
+TwoOrMore = Annotated[int, Field(ge=2), BeforeValidator(plain)]
+Share = Annotated[float, Field(ge=0.0, le=1.0), BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
 MOST_SEGMENTS = 4  # stiffness modes double with each
 # One entry for each segment. Only who knows the robot can name the entries that are missing, so
@@ -89,6 +92,7 @@ if TYPE_CHECKING:  # lists may be given as well; a record holds tuples
 else:
     Several = Annotated[tuple[Item, ...], BeforeValidator(plain)]
     EachOf = Annotated[tuple[Item, ...], EachSegment]
+OneOrMore = Annotated[Sequence[Item], Field(min_length=1)]
 Numbers = Annotated[EachOf[Number], BeforeValidator(plain)]
 ModeField = Annotated[tuple[Bit, ...], EachSegment, BeforeValidator(plain)]
 
@@ -113,7 +117,7 @@ class Value(BaseModel):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        _KINDS[cls.__name__] = cls
+        _KINDS[cls.__name__] = public(cls)
 
     if not TYPE_CHECKING:  # the generated signature is what editors should complete
 
@@ -143,6 +147,7 @@ class Value(BaseModel):
         """Fields and their values, and nothing that was worked out of them."""
         return ((name, getattr(self, name)) for name in type(self).model_fields)
 
+    @public
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
         own = dict(self)
@@ -169,6 +174,7 @@ class Value(BaseModel):
         return copied
 
     @classmethod
+    @public
     def parse(cls, document: dict[str, Any], source: str) -> Self:
         """Build the record from a document read from a file; errors name that file."""
         try:

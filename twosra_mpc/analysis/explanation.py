@@ -27,7 +27,7 @@ from twosra_mpc.analysis.critical_path import (
     hidden_activities,
     in_words,
 )
-from twosra_mpc.arguments import made, public
+from twosra_mpc.arguments import public
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.bounds.bends import unreachable_reason
@@ -39,6 +39,7 @@ from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model
+from twosra_mpc.validation import Count
 
 if TYPE_CHECKING:
     from twosra_mpc.analysis.reshaping import Reshaping
@@ -87,7 +88,7 @@ class TaskCost:
         return "no melt"
 
 
-@made
+@public
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """Reasons for a plan, and its alternatives.
@@ -145,7 +146,7 @@ def explain(
     subject: Result | Problem,
     *,
     on_progress: Callable[[str], None] | None = None,
-    most_orders: int = MOST_ORDERS,
+    most_orders: Count = MOST_ORDERS,
 ) -> Explanation:
     """Explain a plan of the optimal planner by planning what would have been otherwise.
 

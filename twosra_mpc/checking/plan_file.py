@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.arguments import made, public
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.reintegration import between_problems
 from twosra_mpc.checking.verification import Findings, examine, verify
@@ -66,7 +66,7 @@ class Check:
     unit: str = ""
 
 
-@made
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanCheck(ArrayValue):
     """A plan file that was checked.

@@ -14,7 +14,13 @@ from click.shell_completion import CompletionItem
 
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, check_writable, is_device, outputs_are_no_inputs
+from twosra_mpc.files import (
+    built_in_names,
+    check_writable,
+    ending_of,
+    is_device,
+    outputs_are_no_inputs,
+)
 from twosra_mpc.installation import install_command
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.paths import PATH_MODELS
@@ -47,10 +53,26 @@ def word_option(name: str, words: str, usual: Iterable[str], **settings: Any) ->
     return click.option(name, help=words, shell_complete=complete, **settings)
 
 
-SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios")}
-ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots")}
+class Source(click.types.StringParamType):
+    """What is read: a name or a file; "-" is standard input."""
 
-FILE = click.Path(path_type=Path)
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Turn what was given into a name or the path of a file."""
+        return "/dev/stdin" if value == "-" else value
+
+
+class File(click.Path):
+    """A file that is read."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Turn what was given into a path."""
+        return Path(SOURCE.convert(value, param, ctx))
+
+
+SOURCE = Source()
+SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios"), "type": SOURCE}
+ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots"), "type": SOURCE}
+FILE = File()
 SEED = click.IntRange(min=0)
 
 _EXTRA = re.compile(r"\{(\w+)\}")
@@ -155,7 +177,8 @@ class NewFile(click.Path):
         self._checks = (check_writable, *checks)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Turn what was given into a path, and check it."""
+        """Turn what was given into a path, and check it; "-" is standard output."""
+        value = "/dev/stdout" if value == "-" else value
         target = super().convert(value, param, ctx)
         assert isinstance(target, Path)  # as asked for above
         taken = click.get_current_context().meta.setdefault("outputs", set())
@@ -176,8 +199,7 @@ def ending(*allowed: str) -> Check:
     """Return the check that a file has one of these endings."""
 
     def check(target: Path) -> None:
-        if target.suffix not in allowed and not is_device(target):
-            raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
+        ending_of(target, *allowed)
 
     return check
 

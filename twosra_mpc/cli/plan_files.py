@@ -22,6 +22,7 @@ from twosra_mpc.cli.options import (
     ACCEPT_PAPER_WHEELS,
     FILE,
     ROBOT,
+    SOURCE,
     Finite,
     animation,
     command,
@@ -42,7 +43,7 @@ from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
-from twosra_mpc.files import read_bytes, text_of, write_text
+from twosra_mpc.files import ending_of, read_bytes, text_of, write_text
 from twosra_mpc.installation import require
 from twosra_mpc.physics.mjcf import mjcf
 from twosra_mpc.plans.setpoints import save_authors_csv, save_setpoints
@@ -56,7 +57,7 @@ _ROUNDING = 1e-9  # relative
 
 
 @command("verify")
-@click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=click.Path())
+@click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=SOURCE)
 @click.option("--proof", is_flag=True, help="Prove the lower bound anew by the certificates.")
 def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
     """Check PLAN files independently of what they say of themselves.
@@ -171,7 +172,7 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
     loaded = load_plan(plan)
     given = loaded.require()
     with output.progress(f"resampling at {rate_Hz:zg} Hz"):
-        if out.suffix == ".csv":
+        if out.suffix.lower() == ".csv":
             save_setpoints(given, out, rate_Hz)
         else:
             replace(loaded, plan=refined(given, rate_Hz)).save(out)
@@ -224,7 +225,7 @@ def export_command(
       twosra export 2sra-v1 robot.xml
       python -m mujoco.viewer --mjcf=robot.xml
     """
-    if (write := _OF_ROBOTS.get(out.suffix)) is not None and not ros2:
+    if (write := _OF_ROBOTS.get(out.suffix.lower())) is not None and not ros2:
         described = load_robot(source)
         write_text(out, write(described))
         output.record((described.name, "exported"), {"file": str(out), "robot": described.name})
@@ -232,12 +233,12 @@ def export_command(
     plan = drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
     robot, duration_s = plan.robot.name, plan.duration_s
     document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
-    if ros2 and out.suffix != ".mcap":
-        raise InputError("output", str(out), "a .mcap file with --ros2")
+    if ros2:
+        ending_of(out, ".mcap")
     with output.progress(f"writing {out}"):
         if ros2:
             save_ros2_bag(plan, out, rate_Hz)
-        elif out.suffix == ".csv":
+        elif out.suffix.lower() == ".csv":
             save_authors_csv(plan, out, rate_Hz)
         else:
             save_mcap(plan, out, rate_Hz)

@@ -92,7 +92,7 @@ class _TrackedPhase:
         self.begun = run.session.q.copy()
 
     def _goes_on(self) -> tuple[bool, bool]:
-        """Whether a mission goes on to bend, and whether nothing later makes good what is missed.
+        """True if a mission goes on to bend, and nothing later makes good what is missed.
 
         So it is before a bend, where a task is done, and at the end.
         """
@@ -171,7 +171,7 @@ class _TrackedPhase:
 
     @property
     def _seen(self) -> Array:
-        """Where the robot is, (3 + n,), its soft segments as far off as those that settle now.
+        """Configuration as seen, (3 + n,), its soft segments as far off as those that settle now.
 
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
@@ -194,7 +194,7 @@ class _TrackedPhase:
         return min(patience.near_enough * loose, max(certain, patience.finest))
 
     def _outputs(self, difference: Array) -> Array:
-        """What the phase is judged by of a difference of q, in units of the accuracy.
+        """Outputs that the phase is judged by, of a difference of q, in units of the accuracy.
 
         The pose in a rigid phase; in a soft one the mean of the bends alone: how far the units are
         dragged while they bend is not known, and a rigid drive corrects the pose.
@@ -205,7 +205,7 @@ class _TrackedPhase:
         return shares if self.rigid else shares[-1:]
 
     def _outside(self, planned: Array) -> Abort | None:
-        """Whether a rigid robot has left the corridor, or soft segments have bent apart."""
+        """True if a rigid robot has left the corridor, or soft segments have bent apart."""
         session, patience = self.session, self.patience
         away, soft = session.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
@@ -225,7 +225,7 @@ class _TrackedPhase:
         return None
 
     def _judge(self) -> Abort | None:
-        """Whether the phases to come lead to the goal's curvatures from here, as they are."""
+        """True if the phases to come lead to the goal's curvatures from here, as they are."""
         if self.mission.closes:
             return None
         patience, accuracy = self.patience, self.session.accuracy

@@ -1,4 +1,4 @@
-r"""Where the robot is believed to be: a Kalman filter of two numbers for each coordinate.
+r"""Belief of where the robot is: a Kalman filter of two numbers for each coordinate.
 
 Besides the coordinate q it estimates the response g, the share of the motion m that the model makes
 of the commands which really happens: wheels slip, and path models differ by factors.
@@ -130,7 +130,7 @@ class CameraFilter:
         return believed
 
     def _is_news(self, frame: Array, moved: Array) -> bool:
-        """Whether a frame shows anything else than the one before, or nothing should have moved."""
+        """True if a frame shows anything else than the one before, or nothing should have moved."""
         at = self._moved - moved
         if (frame != self._picture).any():
             self._picture, self._taken_at = frame, at
@@ -138,7 +138,7 @@ class CameraFilter:
         return not self.frozen
 
     def _believable(self, frame: Array, moved: Array) -> bool:
-        """Whether a frame is where the robot can be; or agrees with others, where it then is."""
+        """True if a frame is where the robot can be; or agrees with others, where it then is."""
         surprise = self._surprise(frame, moved)
         total = self._spread(moved) + self._frame
         if (np.abs(surprise) <= GATE * np.sqrt(total) + self._wild).all():

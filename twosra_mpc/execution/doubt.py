@@ -1,4 +1,4 @@
-"""Whether the robot does what it is told: commanded motion compared with what the camera sees.
+"""Doubts about a robot: commanded motion compared with what the camera sees.
 
 A segment that is reported soft but is solid does not bend: the units push the whole robot along
 instead. So in soft phases an odometer counts the way that the model does not explain, from each
@@ -76,7 +76,7 @@ class Doubt:
 
     @property
     def each_bends(self) -> bool:
-        """Whether every soft segment of the mode was seen to bend."""
+        """True if every soft segment of the mode was seen to bend."""
         return self._together and self._proved_s > -math.inf
 
     def take(self, now_s: float, mode: Mode, commanded: Array, seen: Array) -> bool:
@@ -196,12 +196,12 @@ class _Account:
 
     @property
     def told(self) -> float:
-        """What was commanded: the mean bend of the soft segments [1/m], or the way [m]."""
+        """Motion commanded: the mean bend of the soft segments [1/m], or the way [m]."""
         return self._amount(self._commanded)
 
     @property
     def found(self) -> float:
-        """What was seen of it; one segment that alone is stiff leaves half of it."""
+        """Motion seen of it; one segment that alone is stiff leaves half of it."""
         return self._amount(self.seen)
 
     def _amount(self, change: Array) -> float:
@@ -214,7 +214,7 @@ class _Account:
 
     @property
     def proved(self) -> bool:
-        """Whether the bend that was seen is beyond all noise, or half of what was commanded."""
+        """True if the bend that was seen is beyond all noise, or half of what was commanded."""
         return self.found >= min(BENDS_PER_M, BENDS * self.told)
 
     @property
@@ -224,17 +224,17 @@ class _Account:
 
     @property
     def moved_m(self) -> float:
-        """How far the robot has moved, turning included."""
+        """Distance moved, turning included [m]."""
         return _way_m(self.seen)
 
     @property
     def pushed_m(self) -> float:
-        """How far b0 has moved beyond what was commanded."""
+        """Distance that b0 has moved beyond what was commanded [m]."""
         return float(np.linalg.norm((self.seen - self._commanded)[:2]))
 
     @property
     def doubtful(self) -> bool:
-        """Whether it is time to look for bends."""
+        """True if it is time to look for bends."""
         least_m = PUSHED_M[self.told < TOLD_PER_M] + self.looks * PUSHED_M[0]
         return self.pushed_m >= least_m or self.told >= (1 + self.looks) * BEND_PER_M
 

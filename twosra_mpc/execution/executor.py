@@ -40,6 +40,7 @@ def at_once(work: Callable[[], Result], _rest: Callable[[], None]) -> Result:
     return work()
 
 
+@public
 @dataclass(frozen=True)
 class Executor:
     """Runs plans on a robot: by events, with a camera, planning again where it must.
@@ -56,7 +57,6 @@ class Executor:
     on_command: Callable[[Session], None] = lambda session: None
     meanwhile: Meanwhile = at_once
 
-    @public
     def run(self, plan: Plan) -> Run:
         """Run a plan; the robot must be where it starts. It stands at the end, heaters off.
 
@@ -164,7 +164,7 @@ class _Execution:
         return None
 
     def _left(self, left: Abort) -> tuple[Ending, str] | None:
-        """What an abort means: an ending, or that the rest is to be planned again."""
+        """Consequence of an abort: an ending, or that the rest is to be planned again."""
         match left.kind:
             case "time":
                 return Ending.TIME_LIMIT, left.text

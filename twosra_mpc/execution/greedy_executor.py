@@ -154,7 +154,7 @@ class _GreedyRun:
         return self.session.ending_unseen(left=False)
 
     def _ended(self) -> bool:
-        """Whether the robot is still at the goal once it is as stiff as it should be."""
+        """True if the robot is still at the goal once it is as stiff as it should be."""
         if self.session.mode == self.problem.goal.mode:
             return True
         self._changed_to(self.problem.goal.mode)

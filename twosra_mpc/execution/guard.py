@@ -34,13 +34,13 @@ class MeetsItselfError(TooNearError):
 
 
 def bends_into_itself(robot: Robot, q: Array, places: Array) -> bool:
-    """Whether parts overlap at one of these places (m, 3 + n), and more than they do at q."""
+    """True if parts overlap at one of these places (m, 3 + n), and more than they do at q."""
     gaps_m = body_gaps_m(robot, np.vstack([q, places])[:, POSE:])
     return bool(gaps_m[1:].min() < min(0.0, float(gaps_m[0])))
 
 
 class Guard:
-    """What is around a robot, and how near it may come."""
+    """Guard: what is around a robot, and how near it may come."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class Guard:
 
     @property
     def fresh(self) -> bool:
-        """Whether no drive has begun yet."""
+        """True if no drive has begun yet."""
         return not self._began_m.size
 
     def begin(self, q: Array) -> None:
@@ -81,7 +81,7 @@ class Guard:
         self._began_m = self._looked_m(q[None])
 
     def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
-        """Whether the robot must not go on.
+        """True if the robot must not go on.
 
         Args:
             mode: Mode it is in.
@@ -95,11 +95,11 @@ class Guard:
         return bool((self._looked_m(places) < least_m).any())
 
     def stop_m(self, deviation: Array) -> float:
-        """What is too near while the belief has a standard deviation (3 + n,) [m]."""
+        """Distance that is too near while the belief has a standard deviation (3 + n,) [m]."""
         return self._patience.stop_m + self._patience.stop_deviations * self.off_m(deviation)
 
     def off_m(self, away: Array) -> float:
-        """How far points of the outline are about, from a difference of q (3 + n,) [m]."""
+        """Distances of points of the outline, about, from a difference of q (3 + n,) [m]."""
         return float(np.linalg.norm(self._arms_m * away))
 
     def describe(self, q: Array) -> str:

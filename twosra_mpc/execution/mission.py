@@ -33,7 +33,7 @@ _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
 class Mission:
-    """Tasks that are done or left, and what the robot holds.
+    """Mission as far as it is done, and what the robot holds.
 
     Attributes:
         rests: Whether tasks end at rest or are about objects: then it matters where a robot bends.
@@ -97,11 +97,11 @@ class Mission:
 
     @property
     def closes(self) -> bool:
-        """Whether the robot closes round an object: which decides what shape it can take."""
+        """True if the robot closes round an object: which decides what shape it can take."""
         return bool(self._left) and self._left[0].takes
 
     def ends_between(self, first_s: float, last_s: float) -> bool:
-        """Whether a task is done in a stretch of the plan."""
+        """True if a task is done in a stretch of the plan."""
         return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in self._ends)
 
     def arrived(self, clock_s: float) -> Abort | None:
@@ -114,7 +114,7 @@ class Mission:
         return None
 
     def dropped(self) -> Abort | None:
-        """Whether what is held is not where it is held."""
+        """True if what is held is not where it is held."""
         session, hold = self.session, self._hold
         if hold is None or session.objects is None or not session.objects.seen:
             return None
@@ -126,12 +126,12 @@ class Mission:
 
     @property
     def account(self) -> tuple[tuple[float, ...], int]:
-        """When tasks were done, and how often objects were lost."""
+        """Times when tasks were done, and how often objects were lost."""
         return tuple(self.done_s), self.lost.total()
 
     @property
     def advanced(self) -> bool:
-        """Whether a task was done by the plan that was followed last."""
+        """True if a task was done by the plan that was followed last."""
         return len(self.done_s) > self._done_before
 
     def lose(self, words: str) -> int:
@@ -164,7 +164,7 @@ class Mission:
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
     def poses(self) -> Array:
-        """Where the objects are, as far as is known, (objects, 3)."""
+        """Poses of the objects, as far as is known, (objects, 3)."""
         session = self.session
         if session.objects is None:
             return np.zeros((0, POSE))
@@ -195,7 +195,7 @@ class Mission:
         return self.dropped()
 
     def _not_done(self, task: Task) -> Abort | None:
-        """Whether what a task asks is missing at its end."""
+        """True if what a task asks is missing at its end."""
         at, stage = _name(task), task.stage(self.problem.modes)
         if stage.through is not None:
             return self._passed(stage.through, at)
@@ -210,18 +210,18 @@ class Mission:
         return self._as_planned(at)
 
     def _passed(self, task: Pass, at: str) -> Abort | None:
-        """Whether b0 was not in the box since the task before."""
+        """True if b0 was not in the box since the task before."""
         met = task.met(self.session.path[self._rows :, :POSE]).any()
         return None if met else Abort("task", f"{at} is not done: the box was not entered")
 
     def _reached(self, goal: GoalSet, at: str) -> Abort | None:
-        """Whether the robot is not in the goal set."""
+        """True if the robot is not in the goal set."""
         session = self.session
         asked = goal.loosened(-session.accuracy.scale(self.problem.robot.coordinates))
         return self._off_by(asked.error(session.q.copy()), at)
 
     def _as_planned(self, at: str) -> Abort | None:
-        """Whether the robot is not where the plan leaves it."""
+        """True if the robot is not where the plan leaves it."""
         error: Array = self.session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
         error[2] = wrapped(error[2])
         return self._off_by(error, at)
@@ -232,7 +232,7 @@ class Mission:
         return None if accuracy.surely(error) else Abort("task", text)
 
     def _carried(self, task: Carry, at: str) -> Abort | None:
-        """Whether the object must be carried on: nearer than need be at first, for it may slide."""
+        """True if the object must be carried on: nearer than need be at first, for it may slide."""
         task = self._aimed(task)
         if self._off(task) <= (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
             return None
@@ -240,7 +240,7 @@ class Mission:
         return Abort("task", f"{at} is not done: {self._where(task)}")
 
     def _released(self, task: Release) -> Abort | None:
-        """Whether the object was moved from where it was carried."""
+        """True if the object was moved from where it was carried."""
         goal = self._goals.get(task.object)
         if goal is None or self._off(goal) <= 1.0:
             return None
@@ -249,7 +249,7 @@ class Mission:
         return Abort("lost", text)
 
     def _grasped(self, task: Grasp) -> Abort | None:
-        """Whether the object is neither where it should be held, nor proved to be caged."""
+        """True if the object is neither where it should be held, nor proved to be caged."""
         seen, grip = self.session.objects, self._grips[0]
         self._room_m = 0.0
         if seen is None or not seen.seen:
@@ -285,7 +285,7 @@ class Mission:
         return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
 
     def _off(self, task: Carry) -> float:
-        """How far the object is from where it is carried, in units of `ACCURACY`."""
+        """Distance of the object from where it is carried, in units of `ACCURACY`."""
         (far_m, turn_rad) = self._away(task)
         return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
 
@@ -360,7 +360,7 @@ class Mission:
 
 
 def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
-    """How far an object at a pose (3,) is from where a task carries it, beyond its tolerance.
+    """Distance of an object at a pose (3,) from where a task carries it, beyond its tolerance.
 
     A disc has no heading: nobody sees it turn in a cage.
 

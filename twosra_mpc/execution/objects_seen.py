@@ -15,7 +15,6 @@ from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, wrapped
 
 if TYPE_CHECKING:
     from twosra_mpc.space.penetration import Thing
-    from twosra_mpc.space.possible import Enclosure
 
 _LEAST_GAIN = 0.1  # at 15 Hz what has moved is noticed within a second; 0.23 of a frame's noise
 
@@ -65,7 +64,7 @@ _TRIES = 20  # to move an object out of the robot
 
 
 def cage_of(problem: Problem, q: Array, number: int, in_b0: Array) -> Enclosure | None:
-    """Whether an object is caged where it is seen; None if it seems to overlap the robot."""
+    """True if an object is caged where it is seen; None if it seems to overlap the robot."""
     from twosra_mpc.contact.grip import caged
 
     try:

@@ -1,4 +1,4 @@
-"""What is left of a problem when a run has to be planned again."""
+"""Remaining problem when a run has to be planned again."""
 
 from __future__ import annotations
 

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import TwosraError
 from twosra_mpc.interrupts import Interrupts, deferred_interrupts, raised_interrupts
 from twosra_mpc.robot.coordinates import WHEELS, Array, Coordinates
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ArrayValue, NonNegative, Positive
 
-OfKind = tuple[float, float, float]
+OfKind = tuple[NonNegative, NonNegative, NonNegative]
 
 EXACT: OfKind = (0.0, 0.0, 0.0)
 
@@ -28,9 +29,10 @@ class RobotError(TwosraError):
     """The robot cannot be driven any more: its line is dead, it is silent, or it is in danger."""
 
 
+@public
 @dataclass(frozen=True)
 class Camera:
-    """What is known about the camera that measures q = [x, y, phi, kappa1 ... kappan].
+    """Camera that measures q = [x, y, phi, kappa1 ... kappan].
 
     Attributes:
         rate_Hz: Frames per second.
@@ -38,7 +40,7 @@ class Camera:
         step: What a frame's values are rounded to, same units; 0 is not at all.
     """
 
-    rate_Hz: float = 15.0
+    rate_Hz: Positive = 15.0
     noise: OfKind = EXACT
     step: OfKind = EXACT
 
@@ -54,9 +56,10 @@ class Camera:
         return spread
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Reading(ArrayValue):
-    """What has become known since the reading before; n segments.
+    """Reading: what has become known since the one before; n segments.
 
     Attributes:
         time_s: Now.
@@ -81,7 +84,7 @@ class Reading(ArrayValue):
     current_A: tuple[float | None, ...] | None = field(default=None, kw_only=True)
 
     def describe(self, segment: int) -> str:
-        """What is known about a segment (from 0), in words."""
+        """Words for what is known about a segment (from 0)."""
         known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:z.1f} C"
         return f"segment {segment + 1} {known}"
 
@@ -104,7 +107,7 @@ class RobotInterface(Protocol):
 
         @property
         def camera(self) -> Camera:
-            """What is known about its camera; commands are given at the camera's rate."""
+            """Its camera; commands are given at the camera's rate."""
 
     def read(self) -> Reading:
         """Return what is known now; does not wait."""

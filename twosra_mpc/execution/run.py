@@ -1,13 +1,13 @@
-"""What a run was: plans, events, everything measured and sent, and how it ended."""
+"""Record of a run: plans, events, everything measured and sent, and how it ended."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, fields
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.installation import __version__
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
@@ -27,8 +27,8 @@ FORMAT, FORMAT_VERSION = "twosra-run", 1
 CHANGING = 0.5  # between 0, rigid, and 1, soft, in ``RunLog.stiffness``
 
 
-class Ending(enum.StrEnum):
-    """How a run ended; ``Run.reason`` says it in words."""
+class Ending(Word):
+    """Ending of a run; ``Run.reason`` says it in words."""
 
     REACHED = "reached"  # within the accuracy of the goal, as measured
     UNSEEN = "arrived unseen"  # by dead reckoning: nobody has seen lately, or well, where it is
@@ -48,7 +48,7 @@ class Ending(enum.StrEnum):
 
 
 class Verdict(NamedTuple):
-    """What carried a run out, how and why it ended, and by which plans; see `Run`."""
+    """Verdict: what carried a run out, how and why it ended, and by which plans; see `Run`."""
 
     executor: Executed
     ending: Ending
@@ -115,6 +115,7 @@ class RunLog(ArrayValue):
             getattr(self, item.name).setflags(write=False)
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(ArrayValue):
     """A run from start to end.
@@ -155,17 +156,17 @@ class Run(ArrayValue):
 
     @property
     def reached(self) -> bool:
-        """Whether the goal was reached, as far as the robot can tell."""
+        """True if the goal was reached, as far as the robot can tell."""
         return self.ending is Ending.REACHED
 
     @property
     def goal(self) -> GoalSet:
-        """What the run is measured by."""
+        """Goal that the run is measured by."""
         return self.problem.judged_goal
 
     @property
     def accuracy(self) -> Accuracy:
-        """How near to that is near enough."""
+        """Accuracy that is near enough."""
         return self.problem.robot.ends_within
 
     @property
@@ -207,7 +208,7 @@ class Run(ArrayValue):
 
 
 def times(count: int) -> str:
-    """How often, in words."""
+    """Number of times in words."""
     return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 

@@ -34,7 +34,7 @@ _WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to mel
 
 
 class Progress(NamedTuple):
-    """How far the execution of a plan has come.
+    """Progress of a plan that is executed.
 
     Attributes:
         clock_s: Time of the plan; it stands at a phase's start until the phase can begin.
@@ -84,7 +84,7 @@ class HeaterSchedule:
         return values
 
     def begun(self, now: Progress) -> int:
-        """How many transitions have been commanded by now."""
+        """Number of transitions commanded by now."""
         return sum(self._commanded(item, now) for item in self.plan.transitions)
 
     def expected_s(self, segment: int, to: str) -> float:
@@ -126,7 +126,7 @@ _WHOLE = 1e-9  # rounding of a number of periods
 
 
 class Abort(NamedTuple):
-    """Why a plan cannot be followed to its end.
+    """Reason why a plan cannot be followed to its end.
 
     Attributes:
         kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
@@ -178,7 +178,7 @@ class PlanRunner:
 
     @property
     def progress(self) -> Progress:
-        """How far the plan has come."""
+        """Progress of the plan."""
         return Progress(self.clock_s, len(self.driven))
 
     @property
@@ -282,7 +282,7 @@ class ByReports:
         return run.schedule.setpoints(run.progress)
 
     def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
+        """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
         return run.session.mode == mode
 
     def arrived(self, run: PlanRunner) -> Abort | None:
@@ -309,7 +309,7 @@ class ByClock(ByReports):
         return setpoints
 
     def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether it is time."""
+        """True if it is time."""
         return run.clock_s >= planned_s - SAME_TIME_S
 
 

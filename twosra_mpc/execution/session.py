@@ -36,7 +36,7 @@ _CODES: dict[KnownStiffness | None, float] = {
 
 
 class Session:
-    """What is known and what was done in a run so far.
+    """State of a run: what is known, and what was done so far.
 
     Attributes:
         robot: The robot.
@@ -129,7 +129,7 @@ class Session:
 
     @property
     def stands(self) -> bool:
-        """Whether the wheels were last told to stand."""
+        """True if the wheels were last told to stand."""
         return not self._turns
 
     @property
@@ -156,7 +156,7 @@ class Session:
 
     @property
     def path(self) -> Array:
-        """Where the robot was believed to be so far, (rows, 3 + n)."""
+        """Path as believed so far, (rows, 3 + n)."""
         return np.array([row[1] for row in self._rows] + [self.q])
 
     @property
@@ -174,11 +174,11 @@ class Session:
 
     @property
     def each_bends(self) -> bool:
-        """Whether every soft segment was seen to bend in the mode driven last."""
+        """True if every soft segment was seen to bend in the mode driven last."""
         return self._doubt is not None and self._doubt.each_bends
 
     def in_vain_s(self, segment: int) -> float:
-        """How long a segment (from 0) has been asked for what it is not."""
+        """Time that a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
 
     def tell(self, kind: run.EventKind, text: str) -> None:
@@ -253,7 +253,7 @@ class Session:
             raise
 
     def _looked(self, mode: Mode, share: float, at_most_s: float) -> Array:
-        """How q has changed by a look at the robot at rest since it was compared last, (3 + n,)."""
+        """Change of q by a look at the robot at rest since it was compared last, (3 + n,)."""
         self.average(self.setpoint_C, share * self._frame, at_most_s)
         before, self._compared = self._compared[1], (mode, self.q.copy())
         return self.q - before
@@ -270,13 +270,13 @@ class Session:
         return True
 
     def sure(self, scale: Array) -> bool:
-        """Whether it has been seen lately where the robot is, to a part of these (3 + n,)."""
+        """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
         patience = self._patience
         lately = self.unseen_s <= patience.unseen_s
         return lately and bool((self.deviation <= patience.known * scale).all())
 
     def ending_unseen(self, left: bool) -> tuple[run.Ending, str]:
-        """How a run ends whose robot is not seen, or badly: at the goal as believed, or not.
+        """Ending of a run whose robot is not seen, or badly: at the goal as believed, or not.
 
         Args:
             left: Whether there is something left to do.
@@ -290,7 +290,7 @@ class Session:
         return run.Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
 
     def _goes_on(self, mode: Mode, time_s: float) -> bool:
-        """Whether a drive at this time continues the last one."""
+        """True if a drive at this time continues the last one."""
         return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
 
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
@@ -316,7 +316,7 @@ class Session:
         self.average(self.setpoint_C, np.zeros_like(self.q), _STOPPED_S)
 
     def _rate(self) -> Array:
-        """How fast the robot has moved in the last periods, as believed, (3 + n,) [1/s]."""
+        """Rate of motion in the last periods, as believed, (3 + n,) [1/s]."""
         if not self._lately:
             return np.zeros_like(self.q)
         time_s, q = self._lately[0]

@@ -1,14 +1,15 @@
-"""When a run is content, how long it waits, and when it gives up."""
+"""Settings of runs: when one is content, how long it waits, and when it gives up."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from twosra_mpc.validation import Positive, Value
+from twosra_mpc.arguments import public
+from twosra_mpc.validation import Count, NonNegative, Positive, Value
 
 
 class Patience(Value):
-    """When a run goes on, looks again, or gives a plan up. Shares are of the accuracy asked for.
+    """Patience: when a run goes on, looks again, or gives a plan up. Shares are of the accuracy.
 
     Attributes:
         rest_s: Longest rest between two looks at the heaters.
@@ -80,9 +81,10 @@ class Patience(Value):
     held_up_s: Positive = 0.5  # at 10 rad/s of a 2sra-v1 wheel: 75 mm too far
 
 
+@public
 @dataclass(frozen=True)
 class ExecutorSettings:
-    """When an executor is content, and when it gives up.
+    """Settings of an executor: when it is content, and when it gives up.
 
     Attributes:
         patience: How long it waits, and how near to a plan it wants the robot.
@@ -96,10 +98,10 @@ class ExecutorSettings:
     """
 
     patience: Patience = field(default_factory=Patience)
-    replans: int = 8
-    corrections: int = 6
-    doubts: int = 2
-    grasps: int = 3
-    stops: int = 4
-    longest_s: float = 7200.0
-    dead_zone_rad_s: float = 0.0
+    replans: Count = 8
+    corrections: Count = 6
+    doubts: Count = 2
+    grasps: Count = 3
+    stops: Count = 4
+    longest_s: Positive = 7200.0
+    dead_zone_rad_s: NonNegative = 0.0

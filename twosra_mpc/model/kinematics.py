@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.arguments import made, public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import wheel_pose_matrix, wheel_poses
@@ -37,46 +37,24 @@ class ModelFunction(ca.Function):
 
     if not TYPE_CHECKING:  # the types are CasADi's
 
-        def __call__(self, *args: Any) -> Any:
+        def __call__(self, *args: Any, **named: Any) -> Any:
             """Values of the function, of numbers or of symbols.
 
             Raises:
                 InputError: If an argument is missing, has another size, or is no mode.
             """
             names = self.name_in()
-            if len(args) != len(names):
-                raise InputError(self.name(), args, f"the arguments {' and '.join(names)}")
+            if len(args) != len(names) or named:
+                allowed = f"the arguments {' and '.join(names)}, in this order"
+                raise InputError(self.name(), args or named, allowed)
             for place, (name, given) in enumerate(zip(names, args, strict=True)):
-                _check_size(name, given, self.size1_in(place))
+                size = self.size1_in(place)
+                if not isinstance(given, ca.SX | ca.MX) or given.shape != (size, 1):
+                    check_size(name, given, size, "mode" if name == "sigma" else "")
             return super().__call__(*args)
 
 
-def _check_size(name: str, given: Any, size: int) -> None:
-    """Refuse what has not so many values, or a mode of anything but 1 and 0; symbols have a size.
-
-    Raises:
-        InputError: Says what the values are.
-    """
-    symbols = isinstance(given, ca.SX | ca.MX)
-    try:
-        values = None if symbols else np.asarray(given, float)
-    except (TypeError, ValueError):
-        raise InputError(name, given, _VALUES[name].format(size, size - POSE)) from None
-    shape = given.shape if values is None else values.shape
-    is_mode = name != "sigma" or values is None or np.isin(values, (0, 1)).all()
-    if shape not in ((size,), (size, 1)) or not is_mode:
-        raise InputError(name, given, _VALUES[name].format(size, size - POSE))
-
-
-_VALUES = {
-    "q": "{} numbers: x_m, y_m, phi_rad and the curvatures of {} segments in 1/m",
-    "sigma": "a mode: {} values, for each segment 1 (soft) or 0 (rigid)",
-    "kappa": "{} numbers: the curvature of each segment in 1/m",
-    "wheel_rad_s": "{} numbers: the speed of each wheel in rad/s",
-}
-
-
-@made
+@public
 @dataclass(frozen=True)
 class Kinematics:
     """Kinematics of a robot of n segments, as CasADi functions of numbers or of symbols.
@@ -125,7 +103,7 @@ class Kinematics:
         Raises:
             InputError: If an argument has another size, or is no mode.
         """
-        _check_size("wheel_rad_s", wheel_rad_s, WHEELS)
+        check_size("wheel_rad_s", wheel_rad_s, WHEELS)
         given: Any = (q, sigma)  # checked by what is called
         matrix = self.wheel_matrix(*given).full()
         found: Array = np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)

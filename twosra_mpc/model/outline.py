@@ -9,20 +9,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.arguments import made, public
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import BODIES
 from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed, wheel_pose_matrix
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.validation import TwoOrMore
 
 FEW_POINTS = 7  # along a segment
 
 _CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
 
 
-@made
+@public
 class RobotShape(NamedTuple):
     """The robot in the plane [m, rad]; leading axes are those of the configurations.
 
@@ -51,7 +52,7 @@ class RobotShape(NamedTuple):
 
 
 @public
-def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShape:
+def robot_shape(geometry: Geometry, q: ArrayLike, points: TwoOrMore = 40) -> RobotShape:
     """Place the robot at q = (x, y, phi, kappa1 ... kappan) [m, m, rad, 1/m], shape (..., 3 + n).
 
     ``points`` are drawn along each segment.

@@ -1,4 +1,4 @@
-"""What is made of a search's outcome: a gentler plan where that costs no more, and a result."""
+"""Conclusion of a search: a gentler plan where that costs no more, and a result."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.effort import Ending, OutOfEffortError, limit_reached
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
@@ -24,6 +25,7 @@ from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
 
+@public
 class Progress(NamedTuple):
     """State of a running search.
 
@@ -40,7 +42,7 @@ STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted
 
 
 def advice(ending: Ending) -> str:
-    """What to change after a search that was stopped."""
+    """Advice after a search that was stopped."""
     stopped_by = limit_reached()
     if ending is Ending.INTERRUPTED or stopped_by is None:
         return "run again to continue the search"
@@ -61,7 +63,7 @@ def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
 
 
 def _gentler(found: Solved, lower_bound: float) -> Solved:
-    """What was found, or a gentler plan of its sequence that costs no more than asked."""
+    """Plan that was found, or a gentler one of its sequence that costs no more than asked."""
     problem = found.problem
     within = (1 - 2 * ROUNDING) * lower_bound / (1 - problem.gap)
     most = limit = max(found.cost, within)
@@ -130,7 +132,7 @@ def conclude(
 
 
 def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
-    """Why there is no plan at all; None where that is not proved."""
+    """Proof that there is no plan at all, in words; None where that is not proved."""
     blocks = tree.in_the_way[0][0].blocks if tree.nodes.only else lambda _: None
     proof = blocks(None) or impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
@@ -139,7 +141,7 @@ def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -
 
 
 def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str:
-    """Why no plan was found although one may exist, and what to change."""
+    """Reason why no plan was found although one may exist, and what to change."""
     none = nothing_found(problem, several=tree.nodes.only is None)
     if (ending := search.ending) is not Ending.EXHAUSTED:
         limit = limit_reached() or "work_limit"
@@ -160,7 +162,7 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
 
 
 def nothing_found(problem: Problem, *, several: bool) -> str:
-    """That there is no plan, of a goal or of several tasks."""
+    """Message that there is no plan, of a goal or of several tasks."""
     if several:
         return "no plan of these tasks found"
     within = "" if problem.workspace is None else " within the workspace"

@@ -44,7 +44,7 @@ _OTHERWISE = 'allow more modes, or set planner to "optimal"'
 
 
 class GreedyEnding(enum.Enum):
-    """Why the greedy loop ended."""
+    """Reason why the greedy loop ended."""
 
     REACHED = "the goal is reached"
     STAGNATED = "no allowed mode comes nearer to the goal"

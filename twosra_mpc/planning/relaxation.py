@@ -165,7 +165,7 @@ def _changes(problem: Problem, after: Box) -> Intervals:
 
 
 def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
-    """What a stage must bend, where the shapes at both of its ends are nearly known."""
+    """Bend of a stage, where the shapes at both of its ends are nearly known."""
     widths = np.array([high[POSE:] - low[POSE:] for low, high in (before, after)])
     if not widths.max() <= 2 * _NARROW_PER_M:
         return None
@@ -198,7 +198,7 @@ def _apart_m(before: Box, after: Box, begin: Placement, end: Placement) -> float
 
 
 def bending_task(problem: Problem | Alone) -> BendingTask:
-    """What the plan must do to the bending coordinates, from start, goal and path model."""
+    """Task in the bending coordinates, from start, goal and path model."""
     facts, limit = bending(problem.robot), problem.robot.limits.curvature_per_m
     here = problem.start.configuration
     start, low, high = np.array([here, *problem.goal.box(here)])[:, POSE:]
@@ -256,7 +256,7 @@ def _intervals(low: Array, high: Array) -> Intervals:
 
 
 def _asked(name: str, start: float, low: float, high: float) -> str:
-    """What a goal asks of a curvature, in words."""
+    """Words for what a goal asks of a curvature."""
     if not math.isfinite(high - low):
         return f"{name} free"
     box = f" (+- {(high - low) / 2:zg})" if high > low else ""
@@ -264,7 +264,7 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
 
 
 def pose_task(problem: Problem | Alone) -> PoseTask | None:
-    """What the plan must do to the pose; None where the goal leaves all of it free."""
+    """Task of the pose; None where the goal leaves all of it free."""
     start = problem.start.configuration
     low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
     given = np.isfinite(high - low)
@@ -314,7 +314,7 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
 
 
 def _known_s(guess: Motion) -> float:
-    """How long a rigid drive takes at full speed, as guessed: by a screw, or straight and a turn.
+    """Duration of a rigid drive at full speed, as guessed: by a screw, or straight and a turn.
 
     The screw of nearly a full turn leads far away.
     """

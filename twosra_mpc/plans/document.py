@@ -174,14 +174,15 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
 
 
 def _samples(samples: dict[str, Any]) -> Samples:
+    if samples.keys() != (known := Samples.__dataclass_fields__).keys():
+        raise InputError("plan.samples", [*samples], f"the lists {', '.join(known)}, and no other")
     arrays = {name: np.array(rows) for name, rows in samples.items()}
     for name, array in arrays.items():
         if not (np.abs(array) <= LARGEST).all():
             raise InputError(f"plan.samples.{name}", "beyond", f"at most {LARGEST:zg} in size")
-    if "mode" in arrays:
-        if not np.isin(arrays["mode"], (0, 1)).all():
-            raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")
-        arrays["mode"] = arrays["mode"].astype(np.int64)
-    if "t_s" in arrays and not (np.diff(arrays["t_s"]) > 0).all():
+    if not np.isin(arrays["mode"], (0, 1)).all():
+        raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")
+    arrays["mode"] = arrays["mode"].astype(np.int64)
+    if not (np.diff(arrays["t_s"]) > 0).all():
         raise InputError("plan.samples.t_s", "times that do not grow", "growing times")
     return Samples(**arrays)

@@ -6,13 +6,12 @@ purpose.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
-from twosra_mpc.arguments import made
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
@@ -25,7 +24,7 @@ from twosra_mpc.validation import ArrayValue
 _SAME = 1e-9  # of a cost: no more than rounding
 
 
-class Status(enum.StrEnum):
+class Status(Word):
     """Status of a problem's plan."""
 
     OPTIMAL = "optimal"  # verified, proved within the asked gap of the best possible
@@ -78,7 +77,10 @@ class Verification:
         return {**vars(self), **written, "problems": list(self.problems)}
 
 
-@made
+_OF_RESULT = ("certificate", "ending", "found", "message", "plan", "save", "stats")
+
+
+@public
 @dataclass(frozen=True, eq=False)
 class Plan(ArrayValue):
     """A plan: what happens at any time, what it costs, and what is proved of it.
@@ -100,6 +102,15 @@ class Plan(ArrayValue):
     verification: Verification
     lower_bound: float | None
     fastest_cost: float | None
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say what its result has instead.
+
+        Raises:
+            AttributeError: Always; a plan has no further attributes.
+        """
+        hint = "; the result that it is of has one" if name in _OF_RESULT else ""
+        raise AttributeError(f"a Plan has no {name}{hint}", name=name, obj=self)
 
     @property
     def problem(self) -> Problem:

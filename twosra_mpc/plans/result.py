@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from twosra_mpc.arguments import made, public
+from twosra_mpc.arguments import public
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
@@ -46,7 +46,7 @@ class Stats:
     first_plan_work: float | None = None
 
 
-@made
+@public
 @dataclass(frozen=True, eq=False)
 class Result(ArrayValue):
     """The outcome of planning.
@@ -139,7 +139,6 @@ class Result(ArrayValue):
             **({} if self.certificate is None else {"certificate": self.certificate}),
         }
 
-    @public
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, atomically.
 

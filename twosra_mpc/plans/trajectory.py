@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
 from twosra_mpc.model.flow import screws
@@ -42,6 +43,7 @@ class Phase(NamedTuple):
     end_s: float
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(ArrayValue):
     """A plan at some times, for a robot of n segments; arrays are read-only.
@@ -98,6 +100,7 @@ class Samples(ArrayValue):
         return {item.name: getattr(self, item.name).tolist() for item in fields(self)}
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(ArrayValue):
     """A plan's course from t = 0 to its end, asked at any times, which are clipped to that.
@@ -249,6 +252,8 @@ class Trajectory(ArrayValue):
         """Times within the plan, the sample in force at each, and the time since that [s]."""
         known = self.samples.t_s
         times = np.clip(np.atleast_1d(np.asarray(t, dtype=float)), known[0], known[-1])
+        if times.ndim > 1:
+            raise InputError("t", t, "a time in s, or a list of them")
         at = np.searchsorted(known, times, side="right") - 1
         after = np.minimum(at + 1, len(known) - 1)
         # Rounding must not hold an input beyond its sample; asked at a sample, it is that sample.

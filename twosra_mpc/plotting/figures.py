@@ -13,8 +13,8 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.files import write_bytes
+from twosra_mpc.arguments import public
+from twosra_mpc.files import ending_of, write_bytes
 from twosra_mpc.plotting.labels import settle_all
 
 RIGID_COLOUR = "#2a6fbb"
@@ -121,24 +121,29 @@ def picture_address(figure: Figure, kind: Literal["png", "svg"]) -> str:
     return f"data:image/{'svg+xml' if kind == 'svg' else kind};base64,{data}"
 
 
+@public
 def check_figure_path(path: str | Path) -> None:
     """Check that matplotlib can write a file of this ending.
 
     Raises:
         InputError: If it cannot; the message lists the endings it knows.
     """
-    endings = sorted(FigureCanvasAgg(Figure()).get_supported_filetypes())
-    if Path(path).suffix[1:].lower() not in endings:
-        raise InputError("output", str(path), f"a file ending in .{', .'.join(endings)}")
+    _format(path)
 
 
+def _format(path: str | Path) -> str:
+    """Format of a figure by its ending; a pipe's is png."""
+    known = sorted(FigureCanvasAgg(Figure()).get_supported_filetypes())
+    return ending_of(path, ".png", *(f".{each}" for each in known if each != "png"))[1:]
+
+
+@public
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure atomically, in the format that the ending of ``path`` names.
 
     Raises:
         InputError: If the ending is unknown, or the folder cannot be written.
     """
-    check_figure_path(path)
     data = io.BytesIO()
-    figure.savefig(data, format=Path(path).suffix[1:].lower(), dpi=figure.dpi)
+    figure.savefig(data, format=_format(path), dpi=figure.dpi)
     write_bytes(path, data.getvalue())

@@ -22,12 +22,13 @@ from PIL import Image
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import check_writable, write_bytes
+from twosra_mpc.files import check_writable, ending_of, write_bytes
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figures import PALETTE, STYLE
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
+from twosra_mpc.validation import Seconds
 
 FRAMES_PER_S = 12.5  # a GIF counts in hundredths of a second
 LAST_FRAME_S = 2.5  # how long the end is shown
@@ -35,9 +36,11 @@ SHADES = 9  # of each colour in a GIF, towards white
 UNCHANGED = 255  # place in the palette of a GIF for what is as in the frame before
 LEAST = 0.25  # of the length of the unstretched time axis that a motion phase takes
 
+_ENDINGS = ".gif", ".mp4"
 OnProgress = Callable[[int, int], None]  # frames done, frames in all
 
 
+@public
 @dataclass(frozen=True)
 class Film:
     """A film; a notebook shows it where it is the last value of a cell.
@@ -60,16 +63,14 @@ class Film:
         return f"<video {shown} controls autoplay loop muted></video>"
 
 
+@public
 def check_animation_path(path: str | Path) -> None:
     """Check that an animation of this ending can be written here.
 
     Raises:
         InputError: If it cannot.
     """
-    ending = Path(path).suffix.lower()
-    if ending not in (".gif", ".mp4"):
-        raise InputError("output", str(path), "a file ending in .gif or .mp4")
-    if ending == ".mp4" and not writers.is_available("ffmpeg"):
+    if ending_of(path, *_ENDINGS) == ".mp4" and not writers.is_available("ffmpeg"):
         allowed = "a file ending in .gif: .mp4 needs the program ffmpeg, which is not installed"
         raise InputError("output", str(path), allowed)
 
@@ -79,7 +80,7 @@ def animate_plan(
     plan: Plan,
     path: str | Path | None = None,
     *,
-    duration_s: float = 12.0,
+    duration_s: Seconds = 12.0,
     on_progress: OnProgress | None = None,
 ) -> Film:
     """Animate a plan; a notebook shows what is returned.
@@ -114,7 +115,7 @@ def animate(
     with rc_context(STYLE):
         scene = Scene(playback, titles, duration_s)
         width_px = round(scene.figure.bbox.width)
-        if path is None or Path(path).suffix.lower() == ".gif":
+        if path is None or ending_of(path, *_ENDINGS) == ".gif":
             film = Film(gif(scene, rows, told), "image/gif", width_px)
         else:
             film = Film(_mp4(scene, rows, told), "video/mp4", width_px)

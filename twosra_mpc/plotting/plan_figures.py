@@ -33,6 +33,7 @@ from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
+from twosra_mpc.validation import OneOrMore
 
 WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
@@ -251,7 +252,7 @@ def plan_html(plan: Plan) -> str:
 
 @public
 def plot_snapshots(
-    plan: Plan, path: str | Path | None = None, times_s: Sequence[float] | None = None
+    plan: Plan, path: str | Path | None = None, times_s: OneOrMore[float] | None = None
 ) -> Figure:
     """Draw the robot at some moments of a plan, each in its own panel to one scale.
 

@@ -13,11 +13,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting import figures
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, rigid_mode
+from twosra_mpc.validation import Positive, Share
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
 _COLOURS = {  # (soft, changing)
@@ -85,8 +87,8 @@ def draw_robot(
     mode: Mode,
     *,
     changing: Mode = (),
-    alpha: float = 1.0,
-    linewidth: float = 4.0,
+    alpha: Share = 1.0,
+    linewidth: Positive = 4.0,
 ) -> Axes:
     """Draw the robot to scale: soft segments red, rigid ones blue.
 
@@ -103,8 +105,14 @@ def draw_robot(
 
     Returns:
         The axes.
+
+    Raises:
+        InputError: If q or a mode is of another robot.
     """
-    changes = changing or rigid_mode(len(mode))
+    changes = changing or rigid_mode(geometry.segments)
+    check_size("q", q, POSE + geometry.segments)
+    for name, each in (("mode", mode), ("changing", changes)):
+        check_size(name, each, geometry.segments, "mode")
     robot_artists(ax, robot_shape(geometry, q), mode, changes, alpha, linewidth)
     return ax
 

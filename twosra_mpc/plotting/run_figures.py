@@ -26,6 +26,7 @@ from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.validation import Seconds
 
 Record = RunLog | Truth
 
@@ -244,7 +245,7 @@ def animate_run(
     path: str | Path | None = None,
     truth: Truth | None = None,
     *,
-    duration_s: float = 12.0,
+    duration_s: Seconds = 12.0,
     on_progress: OnProgress | None = None,
 ) -> Film:
     """Animate a run; a notebook shows what is returned.

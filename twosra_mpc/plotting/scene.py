@@ -218,6 +218,8 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries["paths: units, link"] = tuple(line(colour, 1.3) for colour in trails)
     if playback.goals:
         entries["goal"] = DASHED
+    if problem.objects:
+        entries["touches it"] = line(figures.CONTACT_COLOUR, 4)
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure

@@ -31,6 +31,7 @@ from twosra_mpc.plotting.figures import (
 )
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.validation import Positive, Share
 
 Timed = tuple[Array, Array]  # times [s], and a row of values each
 Coordinate = Literal["position", "heading", "curvature"]
@@ -48,6 +49,7 @@ LETTER = 0.0095  # width of a letter on the time axis
 MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
 
 
+@public
 class TimeStretch(NamedTuple):
     """Piecewise linear map from time to place on the axis; phases get a least width.
 
@@ -60,7 +62,7 @@ class TimeStretch(NamedTuple):
     places: tuple[float, ...]
 
     @classmethod
-    def of(cls, phases: Sequence[Phase], end_s: float, least: float = 0.15) -> TimeStretch:
+    def of(cls, phases: Sequence[Phase], end_s: Positive, least: Share = 0.15) -> TimeStretch:
         """Give each phase at least ``least`` of the length of an unstretched axis."""
         edges = {round(t, 9) for phase in phases for t in phase[1:]}
         knots = (0.0, *sorted(t for t in edges if 0.0 < t < round(end_s, 9)), end_s)
@@ -87,7 +89,7 @@ class TimeStretch(NamedTuple):
         shown = self.places[part + 1] - self.places[part]
         return (self.knots_s[part + 1] - self.knots_s[part]) / shown
 
-    def ticks(self, digit: float = 0.0085) -> dict[float, str]:
+    def ticks(self, digit: Positive = 0.0085) -> dict[float, str]:
         """Times worth a tick [s] and labels that fit; ``digit`` is the width of one on the axis."""
         end_s, chosen = self.knots_s[-1], dict[float, str]()
         rounded = np.asarray(MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(0.0, end_s))
@@ -99,7 +101,7 @@ class TimeStretch(NamedTuple):
                 chosen[t] = text
         return chosen
 
-    def apply(self, ax: Axes, digit: float = 0.0085) -> Axes:
+    def apply(self, ax: Axes, digit: Positive = 0.0085) -> Axes:
         """Make this the time axis of ``ax``, with its ticks; see ``ticks``."""
         ticks = self.ticks(digit)
         ax.set_xscale("function", functions=(self.forward, self.inverse))

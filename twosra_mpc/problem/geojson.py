@@ -25,10 +25,11 @@ from twosra_mpc.robot.coordinates import Array
 
 _FAR_M = 100.0  # no robot of this kind goes there: another unit
 _THIN_M = 1e-3  # nothing to drive round is as small: another unit
+_TURN_DEG = 360.0
 _REMOTE = 100.0  # times its size from the origin is a map of the Earth, not of a room
 _KINDS = "Polygon, MultiPolygon, GeometryCollection, Feature or FeatureCollection"
-_DEGREES = re.compile(r"CRS:?(84|83|27)\b|WGS.?84$|EPSG:.*\b4\d{3}$", re.IGNORECASE)
-_METRES = re.compile(r"EPSG:.*\b(3857|25[89]\d\d|32[67]\d\d)$", re.IGNORECASE)  # Mercator, UTM
+_DEGREES = re.compile(r"CRS:?(84|83|27)\b|WGS.?84$|EPSG\b.*\b4\d{3}\]?$", re.IGNORECASE)
+_METRES = re.compile(r"EPSG\b.*\b(3857|25[89]\d\d|32[67]\d\d)\]?$", re.IGNORECASE)  # Mercator, UTM
 _PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
 
@@ -53,7 +54,8 @@ def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[O
 
 def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tuple[Obstacle, ...]:
     single = isinstance(geometries, Mapping) or hasattr(geometries, "__geo_interface__")
-    doubts = list(_doubts_about_frame(_frame_of(geometries)))
+    frames = {str(frame): frame for frame in _frames_of(geometries) if frame is not None}
+    doubts = [doubt for frame in frames.values() for doubt in _doubts_about_frame(frame)]
     if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
         hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
         raise InputError(
@@ -128,17 +130,20 @@ def without_holes(polygon: Any) -> Iterator[Any]:
                 yield from without_holes(part)
 
 
-def _frame_of(geometries: Any) -> Any:
-    """Coordinate reference system of a document or of GeoPandas' objects; None if not said."""
-    if isinstance(geometries, Mapping):
-        return geometries.get("crs")
-    return getattr(geometries, "crs", None)
+def _frames_of(geometries: Any) -> Iterator[Any]:
+    """Coordinate reference systems that GeoPandas' objects, or a document and its parts, name."""
+    if not isinstance(geometries, Mapping):
+        yield getattr(geometries, "crs", None)
+        return
+    yield from (geometries.get("crs"), geometries.get("coordRefSys"))  # the latter of JSON-FG
+    for key in ("features", "geometries", "geometry"):
+        parts = geometries.get(key)
+        for part in parts if isinstance(parts, list | tuple) else [parts]:
+            yield from _frames_of(part)
 
 
 def _doubts_about_frame(frame: Any) -> Iterator[str]:
     """Refuse coordinates in degrees, and doubt frames that are not known to be in metres."""
-    if frame is None:
-        return
     axes = getattr(frame, "axis_info", None)  # of pyproj
     if axes:
         units = {axis.unit_name for axis in axes}
@@ -146,7 +151,7 @@ def _doubts_about_frame(frame: Any) -> Iterator[str]:
             raise InputError("crs", str(frame), f"{_PROJECT}, not {', '.join(sorted(units))}")
         return
     properties = frame.get("properties") if isinstance(frame, Mapping) else None
-    named = properties.get("name") if isinstance(properties, Mapping) else frame
+    named = properties.get("name", properties) if isinstance(properties, Mapping) else frame
     if _DEGREES.search(str(named)):
         raise InputError("crs", str(named), f"{_PROJECT}; these are degrees")
     if not _METRES.search(str(named)):
@@ -172,6 +177,9 @@ def _polygons(
 ) -> Iterator[tuple[str, str, list[Any]]]:
     """Yield (name, field, rings as given) of every polygon; notes features without a geometry."""
     kind, dot = document.get("type"), f"{where}." if where else ""
+    if document.get("coordinates", document.get("geometries")) == []:  # as RFC 7946 has it
+        left_out.append(where)
+        return
     match kind:
         case "FeatureCollection" | "GeometryCollection":
             key = "features" if kind == "FeatureCollection" else "geometries"
@@ -232,7 +240,8 @@ def _polygon(rings: list[Any], field: str) -> Any:
 def _corners(ring: Any, field: str) -> Array:
     """Corners of a ring as given, (m, 2) [m]."""
     try:
-        corners = np.array([tuple(point)[:2] for point in ring], dtype=float)
+        corners = np.array([tuple(point)[:2] for point in ring])
+        corners = corners.astype(float, casting="same_kind")  # no words, no truths
     except (TypeError, ValueError):
         raise InputError(field, ring, "a list of points [x, y] in metres") from None
     if corners.ndim != 2 or corners.shape[1] != 2 or len(np.unique(corners, axis=0)) < 3:
@@ -241,8 +250,9 @@ def _corners(ring: Any, field: str) -> Array:
         raise InputError(field, ring, "finite numbers")
     farthest = float(corners.flat[np.abs(corners).argmax()])
     if abs(farthest) > _FAR_M:
-        allowed = f"metres, within {_FAR_M:zg} m of the origin (are these millimetres?)"
-        raise InputError(field, farthest, allowed)
+        other = "degrees or millimetres" if abs(farthest) <= _TURN_DEG else "millimetres"
+        hint = f"are these {other}, or places on a map of the Earth?"
+        raise InputError(field, farthest, f"metres, within {_FAR_M:zg} m of the origin", hint=hint)
     return corners
 
 

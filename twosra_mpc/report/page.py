@@ -16,8 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
-from twosra_mpc.files import data_file, write_text
+from twosra_mpc.files import data_file, ending_of, write_text
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan, percent
 from twosra_mpc.plans.result import Result
@@ -31,18 +30,17 @@ from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, p
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
-_ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say
 
 
+@public
 def check_report_path(path: str | Path) -> None:
     """Check that a report may be called this.
 
     Raises:
         InputError: If the ending is not that of a web page.
     """
-    if Path(path).suffix.lower() not in _ENDINGS:
-        raise InputError("output", str(path), f"a file ending in {' or '.join(_ENDINGS)}")
+    ending_of(path, ".html", ".htm")
 
 
 @public

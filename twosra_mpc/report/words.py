@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
+from twosra_mpc.arguments import public
 from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
@@ -232,6 +233,7 @@ def _hold(problem: Problem, task: Grasp) -> str:
     return f"pushed: held only while contact is kept (friction {friction:zg})"
 
 
+@public
 class Origin(NamedTuple):
     """The plan file a report is about.
 

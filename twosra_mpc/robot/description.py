@@ -176,8 +176,10 @@ class Robot(Value):
         """Thermal description of a segment (from 0).
 
         Raises:
-            InputError: If the robot file has no ``[segment]``.
+            InputError: If there is no such segment, or the robot file has no ``[segment]``.
         """
+        if not 0 <= segment < self.geometry.segments:
+            raise InputError("segment", segment, f"from 0 to {self.geometry.segments - 1}")
         found = self.segments[segment] if self.segments else self.segment
         if found is None:
             raise InputError("segment", None, f"a thermal description in robot {self.name}")

@@ -136,7 +136,7 @@ class PortError(RobotError):
 
 
 class Port(Protocol):
-    """What a line to a robot must offer."""
+    """Line to a robot: what it must offer."""
 
     def write(self, data: bytes) -> None:
         """Send bytes, and return when the line has taken them.

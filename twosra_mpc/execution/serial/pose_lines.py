@@ -39,7 +39,7 @@ _BEYOND = 1.5  # times the curvature that the robot may have
 
 
 class PoseLines:
-    """What sees the robot: a `PoseSource` of lines.
+    """`PoseSource` of lines: what sees the robot.
 
     Attributes:
         camera: Rate and noise of the tracking system.
@@ -89,7 +89,7 @@ class PoseLines:
         return np.array(times), np.array(found).reshape(-1, self._size)
 
     def describe(self) -> str:
-        """What has come in so far, in words."""
+        """Words for what has come in so far."""
         last = f", the last one {self.trouble}" if self.refused else ""
         return f"{self.taken} lines of poses were taken, {self.refused} refused{last}"
 

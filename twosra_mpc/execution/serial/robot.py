@@ -17,7 +17,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial.port import (
@@ -56,11 +56,11 @@ Made = TypeVar("Made")
 
 
 class PoseSource(Protocol):
-    """What sees the robot: a camera with its software."""
+    """Camera with its software: what sees the robot."""
 
     @property
     def camera(self) -> Camera:
-        """What is known about it."""
+        """Its rate and noise."""
 
     def frames(self, now_s: float) -> tuple[Array, Array]:
         """New frames: when each was taken, on the clock that shows ``now_s``, and q (k, 3 + n)."""
@@ -115,6 +115,7 @@ def connected(
             raise PortError(f"{failure}the robot was told to stop")
 
 
+@public
 @dataclass(eq=False)
 class SerialRobot:
     """A robot on a serial line; made by ``connected``, which also stops it.
@@ -157,7 +158,7 @@ class SerialRobot:
 
     @property
     def reports(self) -> bool:
-        """Whether its temperatures are known."""
+        """True if its temperatures are known."""
         return self._reports
 
     def listen(self) -> None:
@@ -231,7 +232,12 @@ class SerialRobot:
         """Send a command, unless the robot stands and has just been told the same.
 
         The firmware can heat a segment or not: one to be kept warm is not heated.
+
+        Raises:
+            InputError: If there are more or fewer wheels or segments, or a number is not finite.
         """
+        check_size("wheel_rad_s", wheel_rad_s, WHEELS)
+        check_size("heater_setpoint_C", heater_setpoint_C, self.robot.geometry.segments)
         soft_C = self.robot.heater.soft_setpoint_C
         now_s, turned = self.clock.now_s(), self._turns
         self._asked = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
@@ -295,6 +301,7 @@ class SerialRobot:
         return heard
 
 
+@public
 def while_standing(work: Callable[[], Made], rest: Callable[[], None]) -> Made:
     """Have something computed while the robot is told again and again to stand.
 

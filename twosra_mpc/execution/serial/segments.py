@@ -1,4 +1,4 @@
-"""When a segment's heater is on: by its temperature reports, or by the model's energy without any.
+"""Heaters of segments: on by temperature reports, or by the model's energy without any.
 
 What firmware makes of "heat this segment" is not published: it may regulate, or let full current
 flow for as long as it is told to, which takes a segment to 85 C and more. So the host switches
@@ -147,11 +147,11 @@ class ReportedSegment:
 
     @property
     def faulty(self) -> bool:
-        """Whether heating does not warm it."""
+        """True if heating does not warm it."""
         return self._state.protection == "fault"
 
     def switched(self, asked: bool, time_s: float) -> bool:
-        """Whether the controller would let the current flow that holds, or more."""
+        """True if the controller would let the current flow that holds, or more."""
         regulated_A, heater = self._state.current_A, self._heater
         on = asked and regulated_A >= heater.hold_current_A
         self.current_A = on * (regulated_A if heater.hold_duty == 1.0 else heater.melt_current_A)
@@ -168,7 +168,7 @@ class ReportedSegment:
             self._last_s = time_s
 
     def trouble(self, time_s: float, silent_s: float) -> str | None:
-        """Why the robot must be stopped now, in words."""
+        """Reason why the robot must be stopped now, in words."""
         if time_s - self._last_s > silent_s:
             return f"no readable temperature report for {time_s - self._last_s:z.0f} s"
         if self._state.protection == "tripped":

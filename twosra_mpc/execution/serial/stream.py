@@ -6,14 +6,13 @@ temperature reports, or by the clock and the model's heat if the robot reports n
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
@@ -31,8 +30,8 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
 
 
-class Confirm(enum.StrEnum):
-    """When the phases of a stream begin."""
+class Confirm(Word):
+    """Condition on which the phases of a stream begin."""
 
     REQUIRED = "required"  # by temperature reports, or not at all
     NEVER = "never"  # at the plan's times; heaters by the model
@@ -55,7 +54,7 @@ class StreamError(TwosraError):
 
 
 class StreamState(NamedTuple):
-    """Where a stream is, for a progress line.
+    """State of a stream, for a progress line.
 
     Attributes:
         time_s: Since the stream began.

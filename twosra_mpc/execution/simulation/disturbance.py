@@ -1,4 +1,4 @@
-"""How a real robot differs from its model, in four levels with the sources of their numbers.
+"""Disturbances of a real robot from its model, in four levels with the sources of their numbers.
 
 Pairs are ranges to draw from, evenly; other numbers are standard deviations about the model, except
 slip, rounding and ``split``, which is the largest. Pivot, slide, unequal bending and the share of
@@ -11,11 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
 from twosra_mpc.keys import near_word
+from twosra_mpc.validation import Count, NonNegative, Share
 
 
+@public
 @dataclass(frozen=True)
 class Disturbance:
     """Sizes of everything that the planner does not know.
@@ -38,21 +41,21 @@ class Disturbance:
         planning_s: How long the rest is planned when it is; the last command stays in force.
     """
 
-    slip: float = 0.0
-    slip_spread: float = 0.0
-    slip_noise: float = 0.0
-    dead_zone_rad_s: float = 0.0
-    motor_lag_s: float = 0.0
-    pivot_rad_per_rad: tuple[float, float] = (0.0, 0.0)
-    slide_m_per_rad: float = 0.0
-    split: float = 0.0
-    bend_share: tuple[float, float] = (1.0, 1.0)
-    lengths: float = 0.0
-    thermal_ranges: float = 0.0
-    thermistor: float = 0.0
+    slip: Share = 0.0
+    slip_spread: NonNegative = 0.0
+    slip_noise: NonNegative = 0.0
+    dead_zone_rad_s: NonNegative = 0.0
+    motor_lag_s: NonNegative = 0.0
+    pivot_rad_per_rad: tuple[NonNegative, NonNegative] = (0.0, 0.0)
+    slide_m_per_rad: NonNegative = 0.0
+    split: NonNegative = 0.0
+    bend_share: tuple[NonNegative, NonNegative] = (1.0, 1.0)
+    lengths: NonNegative = 0.0
+    thermal_ranges: NonNegative = 0.0
+    thermistor: NonNegative = 0.0
     camera: Camera = field(default_factory=Camera)
-    delay_frames: tuple[int, int] = (0, 0)
-    planning_s: float = 0.0
+    delay_frames: tuple[Count, Count] = (0, 0)
+    planning_s: NonNegative = 0.0
 
 
 _ROUNDING: OfKind = (1e-3, 0.02, 1.0)  # of the camera in the logs

@@ -48,7 +48,7 @@ class HeatedSegment:
 
     @property
     def soft(self) -> bool:
-        """Whether all the metal is in truth liquid."""
+        """True if all the metal is in truth liquid."""
         return self.model.level(self.state) >= self.model.liquid_level
 
     @property
@@ -83,7 +83,7 @@ class HeatedSegment:
 
     @property
     def faulty(self) -> bool:
-        """Whether the controller reports a fault."""
+        """True if the controller reports a fault."""
         return self.memory.protection == "fault"
 
     def advance(self, setpoint_C: float, duration_s: float) -> None:

@@ -1,4 +1,4 @@
-"""How a simulated robot moves: by a path model and its disturbances, or in a rigid-body engine."""
+"""Motion of a simulated robot: by a path model and its disturbances, or in a rigid-body engine."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Segments = Sequence[HeatedSegment]
 
 
 class Motion(Protocol):
-    """What moves a simulated robot, and the objects around it."""
+    """Motion of a simulated robot, and the objects around it."""
 
     @property
     def objects(self) -> ObjectPlant | Engine | None:
         """Objects with their ``poses``; None without any."""
 
     def at_rest(self, segments: Segments) -> bool:
-        """Whether nothing moves while the wheels stand and metal is as it is."""
+        """True if nothing moves while the wheels stand and metal is as it is."""
 
     def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:
         """Return where the robot is after its wheels have turned by ``turned`` (4,) [rad]."""
@@ -119,7 +119,7 @@ class PhysicsMotion:
             self._engine.view()
 
     def at_rest(self, segments: Segments) -> bool:
-        """Whether the engine's state rests, and metal has not changed since."""
+        """True if the engine's state rests, and metal has not changed since."""
         return self._engine.at_rest(_melted(segments))
 
     def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:

@@ -35,7 +35,7 @@ _ROUNDS = 60
 
 
 class ObjectPlant:
-    """Where objects are while a robot moves among them.
+    """Objects while a robot moves among them.
 
     Attributes:
         poses: Of the objects, (objects, 3) [m, m, rad].

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
@@ -33,7 +33,7 @@ from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ArrayValue, Count
 
 if TYPE_CHECKING:  # loaded where there are objects
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
@@ -46,9 +46,10 @@ _INSTANT_S = 1e-6
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Truth(ArrayValue):
-    """What a simulated robot really did; arrays of one length, read-only.
+    """Truth about a simulated robot: what it did; arrays of one length, read-only.
 
     Attributes:
         time_s: Time, (rows,).
@@ -85,6 +86,7 @@ def plant_robot(robot: Robot, plant: str) -> Robot:
     return robot if plant == AS_PLANNED else with_path_model(robot, plant)
 
 
+@public
 class SimulatedRobot:
     """A robot that is not quite what its description says.
 
@@ -95,13 +97,12 @@ class SimulatedRobot:
         q: True configuration, (3 + n,).
     """
 
-    @public
     def __init__(
         self,
         problem: Problem,
         plant: str = "arc",
         disturbance: Disturbance | None = None,
-        seed: int = 0,
+        seed: Count = 0,
         *,
         broken_heaters: Collection[int] = (),
         viewer: bool = False,
@@ -177,7 +178,13 @@ class SimulatedRobot:
         return np.array(frames).reshape(-1, *self.objects.poses.shape)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
-        """Set wheels and heaters; wheels that are told to turn too fast turn at their limit."""
+        """Set wheels and heaters; wheels that are told to turn too fast turn at their limit.
+
+        Raises:
+            InputError: If there are more or fewer, or one is not finite.
+        """
+        check_size("wheel_rad_s", wheel_rad_s, WHEELS)
+        check_size("heater_setpoint_C", heater_setpoint_C, self.robot.geometry.segments)
         most = self.robot.limits.wheel_speed_rad_s
         told = np.clip(wheel_rad_s, -most, most)
         self._told_rad_s = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
@@ -210,7 +217,7 @@ class SimulatedRobot:
         return result
 
     def truth(self) -> Truth:
-        """What has really happened so far."""
+        """Truth so far."""
         columns = [np.array(column, dtype=float) for column in zip(*self._told, strict=True)]
         for column in columns:
             column.setflags(write=False)
@@ -228,7 +235,7 @@ class SimulatedRobot:
 
     @property
     def mode(self) -> Mode:
-        """Which segments can in truth be bent."""
+        """Mode in truth: which segments can be bent."""
         return tuple(int(segment.soft) for segment in self.segments)
 
     def _roll(self, turning: bool) -> None:
@@ -239,7 +246,7 @@ class SimulatedRobot:
         self._forced += turning and changing
 
     def _turned(self, period_s: float) -> Array:
-        """How far the motors turn in a period, (4,) [rad]: each goes to its command with a lag."""
+        """Turns of the motors in a period, (4,) [rad]: each goes to its command with a lag."""
         lag_s, told = self._disturbance.motor_lag_s, self._told_rad_s
         behind = self._turning_rad_s - told
         left = behind * math.exp(-period_s / lag_s) if lag_s > 0 else np.zeros(WHEELS)

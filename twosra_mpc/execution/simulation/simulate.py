@@ -5,7 +5,7 @@ That it touched nothing, and how near it came, is told of where it really was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from twosra_mpc.problem.tasks import carries
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ArrayValue, Count, OneOrMore
 
 _STEP_M = 1e-3  # the outline moves no farther between two looks
 
@@ -51,7 +51,7 @@ class Approach(NamedTuple):
 
 
 def closest_approach(world: World, geometry: Geometry, truth: Truth) -> Approach | None:
-    """How near to obstacles a robot of this geometry really came; None where there are none."""
+    """Closest approach to obstacles of a robot of this geometry; None where there are none."""
     if not world.obstacles:
         return None
     from twosra_mpc.space.separation import Proximity, arms_m
@@ -84,8 +84,9 @@ def _finely(arms_m: Array, truth: Truth) -> tuple[Array, Array]:
 EXECUTORS = ("optimal", "greedy")
 
 
+@public
 class Metrics(NamedTuple):
-    """What a run came to.
+    """Metrics of a run.
 
     Attributes:
         reached: Whether the robot is in truth within the accuracy of the goal, and objects are at
@@ -134,6 +135,7 @@ class Metrics(NamedTuple):
     squeezed: str = ""
 
 
+@public
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation(ArrayValue):
     """A simulated run.
@@ -203,7 +205,7 @@ def simulate(
     *,
     plant: str = "arc",
     disturbance: str = "moderate",
-    seed: int = 0,
+    seed: Count = 0,
     executor: str = "optimal",
     plan: Plan | None = None,
     settings: ExecutorSettings | None = None,
@@ -224,8 +226,8 @@ def simulate(
         viewer: Show the motion in the viewer of plant "mujoco".
 
     Raises:
-        InputError: If there is no such plant, level or executor, or the robot has no ``[segment]``;
-            see `SimulatedRobot`.
+        InputError: If there is no such plant, level or executor, the plan is of another problem, or
+            the robot has no ``[segment]``; see `SimulatedRobot`.
         NoPlanError: If the problem has no plan.
         RobotError: If the simulation of plant "mujoco" diverges.
     """
@@ -240,6 +242,8 @@ def simulate(
         run = GreedyExecutor(robot, chosen).run(problem)
     else:
         made = plan or find_plan(problem).require()
+        if made.problem != problem:
+            raise InputError("plan", made, "a plan of this very problem: plan(problem).require()")
         run = Executor(robot, chosen, meanwhile=robot.meanwhile).run(made)
     truth = robot.truth()
     near = closest_approach(problem.world, robot.geometry, truth)
@@ -283,6 +287,7 @@ class Spread(NamedTuple):
     largest: float
 
 
-def spread(runs: Sequence[Metrics], of: Callable[[Metrics], float]) -> Spread:
-    """How a number is distributed over runs."""
+@public
+def spread(runs: OneOrMore[Metrics], of: Callable[[Metrics], float]) -> Spread:
+    """Spread of a number over runs."""
     return Spread(*np.quantile([of(run) for run in runs], (0.5, 0.9, 1.0)).tolist())

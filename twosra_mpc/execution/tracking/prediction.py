@@ -78,7 +78,7 @@ def stage_model(setup: Setup) -> Stage:
 
 
 def _within_one(row: ca.SX, most: float) -> bool:
-    """Whether inputs of at most ``most`` keep a constant combination of them within one."""
+    """True if inputs of at most ``most`` keep a constant combination of them within one."""
     return row.is_constant() and float(ca.norm_1(ca.DM(row).T)) * most <= 1.0
 
 

@@ -1,4 +1,4 @@
-r"""What the quadratic program of a mode is made from: what is tracked, weights and limits.
+r"""Setup of the quadratic program of a mode: what is tracked, weights and limits.
 
 In each mode as many outputs y = T q are tracked as the mode has inputs.
 
@@ -27,7 +27,7 @@ from twosra_mpc.validation import Positive, Value
 
 
 class TrackerWeights(Value):
-    """What a deviation from the plan costs.
+    """Weights: what a deviation from the plan costs.
 
     Attributes:
         position_m: Unit of deviations of x and y; one unit costs one half per period.
@@ -131,12 +131,12 @@ class Setup:
 
     @property
     def coordinates(self) -> Coordinates:
-        """Where the parts of a configuration are."""
+        """Coordinates: where the parts of a configuration are."""
         return Coordinates(len(self.mode))
 
     @property
     def outputs(self) -> Outputs:
-        """What the mode tracks."""
+        """Outputs that the mode tracks."""
         return outputs_of(self.mode)
 
     @property
@@ -174,7 +174,7 @@ class Setup:
 
     @property
     def decay(self) -> float:
-        """What is left of a deviation after one period while no limit is active."""
+        """Share that is left of a deviation after one period while no limit is active."""
         return self.rho / (self.rho + self.terminal)
 
     @property

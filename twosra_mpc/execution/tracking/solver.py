@@ -25,7 +25,7 @@ MOST_PROGRAMS = 3  # of one step: from the largest deviations, the third is line
 
 
 class Quality(enum.Enum):
-    """How well a program was solved."""
+    """Quality of a solution of a program."""
 
     CONVERGED = enum.auto()
     ROUGH = enum.auto()  # iterations ran out with residuals small enough to use the point
@@ -33,7 +33,7 @@ class Quality(enum.Enum):
 
 
 class Residuals(NamedTuple):
-    """How well a point solves a quadratic program, in its scaled units; infinity norms.
+    """Residuals of a point in a quadratic program, in its scaled units; infinity norms.
 
     Attributes:
         primal: Largest violation of a bound.
@@ -195,7 +195,7 @@ class ProgramInPlace:
         self._y[:] = found.y
 
     def describe(self) -> str:
-        """What OSQP says of the last solve."""
+        """Words of OSQP about the last solve."""
         info = self._solver.info
         return (
             f"{info.status} after {info.iter} iterations, "

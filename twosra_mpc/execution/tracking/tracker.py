@@ -6,15 +6,13 @@ told, and goes on converging to the phase's end after the phase's time is over.
 
 from __future__ import annotations
 
-import enum
-import math
 from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import Word, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.tracking.linearisation import tracking_program
 from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
@@ -30,17 +28,18 @@ HIGHEST_RATE_HZ = 1000.0
 PARTS = 8  # grid points per sampling period; in between, the reference is interpolated linearly
 
 
-class CommandStatus(enum.StrEnum):
-    """Where a command comes from."""
+class CommandStatus(Word):
+    """Origin of a command."""
 
     SOLVED = "solved"  # the quadratic program was solved
     HELD = "held"  # between phases: the wheels rest, the heaters follow the plan
     FAILED = "failed"  # no solution: the wheels rest, the heaters keep their set-points
 
 
+@public
 @dataclass(frozen=True, eq=False, slots=True)
 class Measurement:
-    """Where the robot is, and which part of the plan it should be following.
+    """Measurement of where the robot is, and which part of the plan it should be following.
 
     Attributes:
         time_s: Time in the plan [s]; in a phase that started late, the plan's start of the phase
@@ -57,22 +56,10 @@ class Measurement:
     q: ArrayLike
 
     def __post_init__(self) -> None:
-        try:
-            q = np.array(self.q, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError("measurement.q", self.q, "numbers") from None
-        if not np.isfinite(q).all():
-            raise InputError("measurement.q", q.tolist(), "finite numbers")
+        q = np.array(self.q, dtype=float)
         q.setflags(write=False)
         object.__setattr__(self, "q", q)
-        try:
-            object.__setattr__(self, "time_s", float(self.time_s))
-        except (TypeError, ValueError):
-            raise InputError("measurement.time_s", self.time_s, "a number of seconds") from None
-        if not math.isfinite(self.time_s):
-            raise InputError("measurement.time_s", self.time_s, "a finite number of seconds")
-        if self.phase is not None and not isinstance(self.phase, int | np.integer):
-            raise InputError("measurement.phase", self.phase, "a whole number, or None")
+        object.__setattr__(self, "time_s", float(self.time_s))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -124,6 +111,7 @@ class PhaseReference:
         into += self._outputs[rows]
 
 
+@public
 class Tracker:
     """Linear time-varying model predictive control of one robot along a plan, phase by phase.
 
@@ -135,7 +123,6 @@ class Tracker:
             the first. Stays as it is when a step refuses a measurement.
     """
 
-    @public
     def __init__(
         self,
         robot: Robot,
@@ -176,7 +163,6 @@ class Tracker:
             _NO_WHEELS, _NO_INPUT, off, CommandStatus.HELD, "no plan is being tracked yet"
         )
 
-    @public
     def reset(self, plan: Plan) -> None:
         """Track another plan from the next step on; the wheels are taken to turn as last told.
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import Locator, LogLocator, NullFormatter, SymmetricalLogLocator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.batch.atlas import (
@@ -35,6 +36,7 @@ SEQUENCE_COLOURS = (  # told apart also without red or green
     *("#5c234e", "#3030e8", "#e8e830", "#0c0c72"),
 )
 _BLUE, _LEAST_GAP = figures.RIGID_COLOUR, 1e-4  # gaps in %
+_TICKS = (1.0, 2.0, 5.0)  # of a decade
 OTHER_COLOUR, NO_PLAN_COLOUR = "#9e9e9e", "#eeeeee"
 _UNIT = {"_per_m": "1/m", "_rad": "rad", "_m": "m", "_s": "s", "_A": "A", "_C": "C", "_J": "J"}
 
@@ -165,9 +167,10 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
     ax.plot(middle, places, "o", c=_BLUE, clip_on=False)
     ax.axvline(0.0, c="0.6", lw=0.8, zorder=0)
     for place, each in zip(places, worth, strict=True):
-        ax.text(0.02, place + 0.2, each.change, fontsize=7.5, transform=ax.get_yaxis_transform())
-    ax.set_xscale("symlog", linthresh=1.0)
-    ax.xaxis.set_major_formatter("{x:zg}")
+        words: dict[str, Any] = {"fontsize": 7.5, "transform": ax.get_yaxis_transform()}
+        ax.text(0.02, place + 0.2, each.change, bbox=figures.BEHIND_WORDS, **words)
+    ax.set_xscale("symlog", linthresh=1.0, subs=_TICKS)
+    _name_few(ax, SymmetricalLogLocator(linthresh=1.0, base=10, subs=_TICKS))
     ax.set(yticks=(), title="what changes are worth", xlabel="saved [s of a plan]")
     ax.set_ylim(-0.5, len(worth) - 0.2)
     return ax
@@ -176,18 +179,26 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
 def draw_gaps(ax: Axes, runs: DataFrame) -> Axes:
     """Draw the proved gaps of the plans as a histogram."""
     gaps = 100 * search_gaps(plans(runs)).dropna().to_numpy()
+    title = "proved gap at full speed"
     if gaps.size:
         gaps = np.maximum(gaps, _LEAST_GAP)
         ax.hist(
             gaps, bins=np.geomspace(gaps.min() / 1.5, gaps.max() * 1.5, 31).tolist(), color=_BLUE
         )
         middle = float(np.median(gaps))
-        ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2, label=f"median {middle:z.2g} %")
+        ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2)
+        title = f"proved gap at full speed, median {middle:z.2g} %"
         ax.set_xscale("log")
-        ax.xaxis.set_major_formatter("{x:zg}")
-        ax.legend()
-    ax.set(title="proved gap at full speed", xlabel="gap [%]", ylabel="plans")
+        _name_few(ax, LogLocator(subs=_TICKS))
+    ax.set(title=title, xlabel="gap [%]", ylabel="plans")
     return ax
+
+
+def _name_few(ax: Axes, ticks: Locator) -> None:
+    """Write numbers at these places of an axis in logarithms, and nowhere else."""
+    ax.xaxis.set_major_locator(ticks)
+    ax.xaxis.set_major_formatter("{x:zg}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_places(

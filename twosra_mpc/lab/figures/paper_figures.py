@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from twosra_mpc.arguments import public
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.lab.reproduction.random_problems import forward_kinematics
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
@@ -58,6 +59,7 @@ class _Piece(NamedTuple):
     q: Array
 
 
+@public
 def plot_forward_kinematics(path: str | Path | None = None) -> Figure:
     """Draw configurations by forward kinematics, and as the published planner reaches their end.
 
@@ -91,6 +93,7 @@ def plot_forward_kinematics(path: str | Path | None = None) -> Figure:
     return figure
 
 
+@public
 def plot_error_decrease(path: str | Path | None = None) -> Figure:
     """Draw how the distance to the target falls: in the published loop, and in real time.
 
@@ -133,6 +136,7 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
     return figure
 
 
+@public
 def plot_published_tasks(path: str | Path | None = None) -> Figure:
     """Draw the five published tasks: start, target and path, as published and as planned here.
 

@@ -49,6 +49,7 @@ _SPIKE_K = 0.5  # a reading this far from its neighbours', and farther than they
 _FASTEST_K_PER_S = 1.0
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class HeatingLog:
     """A checked log; arrays (n,), read-only.

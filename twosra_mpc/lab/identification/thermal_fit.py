@@ -111,6 +111,7 @@ class Score(NamedTuple):
     law: HeaterLaw
 
 
+@public
 @dataclass(frozen=True)
 class ThermalFit:
     """Fit of a robot's segments to a log.

@@ -9,12 +9,13 @@ without data are left out.
 
 from __future__ import annotations
 
-import enum
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from twosra_mpc.arguments import Word
 
-class Verdict(enum.StrEnum):
+
+class Verdict(Word):
     """Verdict of our numbers on a claim."""
 
     HOLDS = "holds"

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import plain_data, write_json, write_text
 from twosra_mpc.installation import __version__
@@ -32,6 +33,7 @@ CAMERA = Camera(scale_m=SEGMENT_M / 8.4, length_m=SEGMENT_M, towards_px=(37.0, 3
 """How the paper's photographs were taken: 168 of its pixels, each a twentieth, for a segment."""
 
 
+@public
 @dataclass(frozen=True)
 class Sources:
     """Sources of the report besides the package; None is not given.
@@ -82,6 +84,7 @@ class PaperReport:
         return found
 
 
+@public
 def reproduce(
     folder: str | Path,
     sources: Sources = Sources(),

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import require
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
@@ -95,6 +96,7 @@ def trial_paths(folder: str | Path) -> list[Path]:
     return paths
 
 
+@public
 def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
     """Yield the log in each CSV file of trials, by name (`trial_paths`).
 
@@ -111,6 +113,7 @@ def _log_of_two_segments(log: MotionLog) -> MotionLog:
     return log
 
 
+@public
 def trial_of(log: MotionLog) -> int | None:
     """Trial (1 to 5) whose simulation starts where a log does; None if there is none.
 
@@ -123,6 +126,7 @@ def trial_of(log: MotionLog) -> int | None:
     return nearest if off[nearest].max() <= 1.0 else None
 
 
+@public
 def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
     """Compare a log with a simulation, as published and by values alone (see the module).
 
@@ -181,6 +185,7 @@ def _cumulative(apart: Array) -> Array:
     return padded[1:, 1:]
 
 
+@public
 def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> WaitingShares:
     """Shares of waiting and motion in the time of a log.
 

@@ -27,7 +27,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.arguments import public
 from twosra_mpc.lab.reproduction.published_model import (
     CURVATURE_RANGE,
     HeldFrames,
@@ -40,6 +40,7 @@ from twosra_mpc.lab.reproduction.published_model import (
     inverse_kinematics,
 )
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
+from twosra_mpc.validation import Count, Positive
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -124,13 +125,14 @@ class _Step(NamedTuple):
     moved: float  # distance from the configuration before the step
 
 
+@public
 def published_trajectory(
     start: ArrayLike,
     goal: ArrayLike,
     *,
-    step_s: float = 0.05,
+    step_s: Positive = 0.05,
     switch_iterations: Sequence[int] | None = None,
-    max_iterations: int = 5000,
+    max_iterations: Count = 5000,
 ) -> PublishedTrajectory:
     """Run Algorithm 1 from start to goal.
 
@@ -150,8 +152,6 @@ def published_trajectory(
     """
     first = checked_configuration("start", start)
     target = checked_configuration("goal", goal)
-    if not (math.isfinite(step_s) and step_s > 0.0):
-        raise InputError("step_s", step_s, "a positive, finite time in s")
     forced = frozenset(switch_iterations or ())
     problem = _Problem(
         goal=target,

@@ -5,6 +5,8 @@ https://docs.ros.org/en/rolling/p/nav2_map_server, http://wiki.ros.org/map_serve
 
 from __future__ import annotations
 
+import math
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError, InputWarning
-from twosra_mpc.files import open_image, read_text, reading
+from twosra_mpc.files import is_device, open_image, read_text, reading
 from twosra_mpc.keys import near_key
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
@@ -25,6 +27,7 @@ _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
 _OPAQUE, _DIGITS = 255, 5  # of a pixel; thresholds that are a level but for rounding are it
+_TURN_RAD = math.tau
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
@@ -72,8 +75,9 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
         unknown_is_free: What to take cells for of which the map does not say it.
 
     Warns:
-        InputWarning: If keys are left out, the image is stored turned, or free cells have the grey
-            of unknown ones, which are then unknown.
+        InputWarning: If keys are left out, the angle may be in degrees, the image is stored turned,
+            inexactly or with others, or free cells have the grey of unknown ones and are taken as
+            unknown.
 
     Raises:
         InputError: If file or image cannot be read, or say something that is not understood; modes
@@ -87,7 +91,7 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     source = str(path)
     document = _document(read_text(path, source), source)
     doubts = []
-    for key in document.keys() - _MapFile.model_fields.keys():
+    for key in [each for each in document if each not in _MapFile.model_fields]:
         value, known = document.pop(key), list(_MapFile.model_fields)
         if hint := near_key(key, value, known):
             raise InputError(key, value, f"known keys are {', '.join(known)}", source, hint=hint)
@@ -96,9 +100,11 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if not said.free_thresh <= said.occupied_thresh <= 1:
         allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, source)
-    channels, turned = _pixels(path.parent / said.image, source)
-    if turned:
-        doubts.append("its image says (EXIF) that it is stored turned; taken as it is stored")
+    if abs(yaw := said.origin[2]) > _TURN_RAD:
+        doubts.append(f"origin turns the map by {yaw:zg} rad, more than once (are these degrees?)")
+    folder = Path() if is_device(path) else path.parent  # a pipe's map is one of where it is read
+    channels, of_image = _pixels(folder / said.image, source)
+    doubts += of_image
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
     lightness = np.arange(3 * _OPAQUE + 1)  # three times the mean of the colours, as ROS has it
     darkness = lightness if said.negate else lightness[::-1]
@@ -239,14 +245,23 @@ def _unpinched(polygon: Any) -> Any:
     return polygon.buffer(_BRIDGE, join_style="mitre")
 
 
-def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], bool]:
-    """Colours and opacity of each pixel, (rows, columns, 4), and whether it is stored turned."""
+def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
+    """Colours and opacity of each pixel, (rows, columns, 4), and doubts about the image."""
     try:
         with open_image(path) as image:
             if image.mode not in _MODES:
                 raise InputError("image", str(path), "an image of 8 bits a channel", source)
-            turned = image.getexif().get(_ORIENTATION, _UPRIGHT) != _UPRIGHT
-            return np.asarray(image.convert("RGBA")), turned
+            doubts = {
+                "its image says (EXIF) that it is stored turned; taken as it is stored": (
+                    image.getexif().get(_ORIENTATION, _UPRIGHT) != _UPRIGHT
+                ),
+                "its image is a JPEG, which does not keep greys exactly": image.format == "JPEG",
+                "its image has several pictures; the first is taken": (
+                    getattr(image, "n_frames", 1) > 1
+                ),
+            }
+            pixels = np.asarray(image.convert("RGBA"))
+            return pixels, [words for words, true in doubts.items() if true]
     except InputError:
         raise
     except Exception as error:  # a spoilt image fails in many ways
@@ -266,6 +281,8 @@ def _document(text: str, source: str) -> dict[str, Any]:
                 raise InputError(str(twice[0]), "twice", "each key once", source)
             return super().construct_mapping(node, deep)
 
+    number = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$")  # 1e-05, as YAML 1.2 has it
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, [*"-+0123456789"])
     try:
         found = yaml.load(text, Loader)  # the safe one
     except yaml.MarkedYAMLError as error:

@@ -1,4 +1,4 @@
-"""What a mode sequence must do to the bending coordinates W, as far as the task says it."""
+"""Bends: what a mode sequence must do to the bending coordinates W, as far as the task says it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUNDING = 1e-9  # of the changes of W that limits allow
 
 
 class Conserved(NamedTuple):
-    """What bending two segments together cannot change, for messages: ``factor`` (W_i - W_j)."""
+    """Invariant of bending two segments together, for messages: ``factor`` (W_i - W_j)."""
 
     name: str  # to be formatted with i and j
     unit: str
@@ -33,7 +33,7 @@ class Conserved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BendingTask:
-    """What a plan must do to the bending coordinates, and how fast it can.
+    """Task in the bending coordinates: what a plan must do to them, and how fast it can.
 
     Attributes:
         change: (low, high) of each segment: required change of W.
@@ -84,7 +84,7 @@ class BendingTask:
         return range(len(self.change))
 
     def must_bend(self, segment: int) -> bool:
-        """Whether the goal asks for another curvature of ``segment`` (from 0)."""
+        """True if the goal asks for another curvature of ``segment`` (from 0)."""
         low, high = self.met[segment]
         return not low <= 0 <= high
 
@@ -229,7 +229,7 @@ def middle_bends(sequence: ModeSequence, change: Intervals, free: Intervals) -> 
 
 
 class BendStep(NamedTuple):
-    """What is known of the bend of a phase.
+    """Bend of a phase, as far as it is known.
 
     Attributes:
         mode: Its mode.
@@ -257,7 +257,7 @@ class BendStep(NamedTuple):
 def bend_steps(
     sequence: ModeSequence, task: BendingTask, free: Intervals
 ) -> tuple[BendStep, ...] | None:
-    """What is known of the bend of each phase; None if some are ``free`` and not bounded."""
+    """Bend of each phase, as far as it is known; None if some are ``free`` and not bounded."""
     if (ranges := _ranges(sequence, task.met, free)) is None:
         return None
     off = task.origin_within or (0.0,) * len(task.origin)
@@ -294,7 +294,7 @@ def _clipped(value: float, low: float, high: float) -> float:
 def _misses(
     bounds: tuple[float, float], task: BendingTask, change: tuple[float, float], segment: int
 ) -> bool:
-    """Whether no W within bounds is one that a segment (from 0) may change to."""
+    """True if no W within bounds is one that a segment (from 0) may change to."""
     (least, most), w, slack = bounds, task.origin[segment], task.within[segment]
     return least - w > change[1] + slack or most - w < change[0] - slack
 
@@ -319,7 +319,7 @@ def least_durations(
 
 
 def passes_forbidden(sequence: ModeSequence, task: BendingTask, bends: Array) -> bool:
-    """Whether these changes of W, one of each phase, lead through a shape that is forbidden."""
+    """True if these changes of W, one of each phase, lead through a shape that is forbidden."""
     here = np.array(task.origin)
     for mode, bend in zip(sequence, bends.tolist(), strict=True):
         before = tuple((w, w) for w in here.tolist())

@@ -160,7 +160,7 @@ class _Drive:
         return self.until_s, self.until_s * (1 + gain - float(inner[origin]))
 
     def _gains(self, p: Array, grid: Array, h: float, step_s: float) -> list[Array]:
-        """What p . (x, y) may gain in a step from each heading to those m before to m after it."""
+        """Gain of p . (x, y), at most, in a step from each heading to those m before to m after."""
         m, gains = len(self.slices) // 2, []
         loss = (m + 2) / 4 * h * self.fastest
         for j, points in enumerate(self.slices, start=-m):
@@ -181,7 +181,7 @@ class _Drive:
 
 
 def _largest(value: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function with one hill is largest, by golden sections."""
+    """Maximiser of a function with one hill, by golden sections."""
     ratio = (math.sqrt(5) - 1) / 2
     a, b = high - ratio * (high - low), low + ratio * (high - low)
     at_a, at_b = value(a), value(b)

@@ -1,4 +1,4 @@
-r"""How long every plan moves at least, whatever its mode sequence.
+r"""Least time that every plan moves, whatever its mode sequence.
 
 Let S = p . (x, y) + C(phi) + B_1(W_1) + B_2(W_2) be as in ``pose_bound``, but one for all phases:
 it grows by at most 1 per second in every mode and every shape within the limits. Then every plan
@@ -107,7 +107,7 @@ def _pieces(task: BendingTask) -> tuple[_Boxes, PhaseMotions]:
 def _motions(
     pose: PoseTask, mode: Mode, task: BendingTask, boxes: _Boxes, empty: PhaseMotions
 ) -> PhaseMotions | None:
-    """What a mode can do in boxes of shapes; None if nothing limits it."""
+    """Motions of a mode in boxes of shapes; None if nothing limits it."""
     still = len(empty.bends) - 1
     if any(mode):
         piece = np.where(np.array(mode)[:, None], boxes.piece, still).T

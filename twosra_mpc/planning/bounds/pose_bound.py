@@ -1,4 +1,4 @@
-r"""What the change of pose costs a mode sequence whose bends are known, or nearly so.
+r"""Bound on what the change of pose costs a mode sequence whose bends are known, or nearly so.
 
 Let S_i be functions of pose and bend, one for each phase i, with a common gradient p in the plane,
 
@@ -154,7 +154,7 @@ class PoseProgram:
         return np.concatenate([between, shares[inside]])
 
     def _gain(self, least: list[float]) -> Array:
-        """What S gains from start to goal."""
+        """Gain of S from start to goal."""
         gain = np.zeros(self.width)
         gain[:2] = self.task.shift
         gain[self.b[0] : self.g] = np.concatenate([phase.bends for phase in self.phases])

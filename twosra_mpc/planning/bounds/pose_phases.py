@@ -1,4 +1,4 @@
-"""What the pose must do, and what the phases of a mode sequence can do to it."""
+"""Task of the pose, and what the phases of a mode sequence can do to it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PoseTask:
     soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
 
     def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
-        """What a rigid phase in a shape between these can do; None if nothing limits it.
+        """Motions of a rigid phase in a shape between these; None if nothing limits it.
 
         The rows are M + D with abs(D) <= off. Let t = max abs(M xi), and X the largest abs(xi) with
         t = 1. A twist has t <= 1 + max off abs(xi) <= 1 + a t with a = max off X: t <= 1 / (1 - a).
@@ -73,7 +73,7 @@ class PoseTask:
     def soft_phase(
         self, mode: Mode, origin: Bounds, bend: tuple[float, float], room: tuple[float, float]
     ) -> PhaseMotions | None:
-        """What a soft phase can do that bends by something in ``bend`` and strays within ``room``.
+        """Motions of a soft phase that bends by something in ``bend`` and strays within ``room``.
 
         None if nothing limits it. Where there is no room, pieces have no length.
         """
@@ -90,7 +90,7 @@ class PoseTask:
     def soft_boxes(
         self, mode: Mode, low: Array, high: Array, where: PhaseMotions
     ) -> PhaseMotions | None:
-        """What a soft mode can do in boxes of W, (n, m), with their pieces as in ``where``.
+        """Motions of a soft mode in boxes of W, (n, m), with their pieces as in ``where``.
 
         One motion for each corner of the units' speeds, all boxes each. None if nothing limits it.
         """

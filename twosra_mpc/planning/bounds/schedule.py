@@ -1,4 +1,4 @@
-"""When things happen: the cheapest event times of a sequence whose phases last given times."""
+"""Schedules: the cheapest event times of a sequence whose phases last given times."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ def pose_bound(
 
 
 def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
-    """What each phase can do; None without a goal pose, or if nothing limits one of them."""
+    """Motions of each phase; None without a goal pose, or if nothing limits one of them."""
     steps, found = bend_steps(sequence, task, ()), list[PhaseMotions]()
     if task.pose is None or steps is None:
         return None
@@ -207,7 +207,7 @@ def _linear_program_bound(
 
 
 class BendRows:
-    """What the bends of the first phases of a relaxation must be, from the start to a goal.
+    """Rows for the bends of the first phases of a relaxation, from the start to a goal.
 
     Attributes:
         rates: Upper bound of abs(dW/dt) in each of these phases.

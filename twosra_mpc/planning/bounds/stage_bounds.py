@@ -109,14 +109,14 @@ class StageBounds:
         return head or None
 
     def misfit(self, sequence: ModeSequence) -> str | None:
-        """Why a sequence cannot be one of this stage."""
+        """Reason why a sequence cannot be one of this stage."""
         if self.reshapes and not any(map(any, sequence)):
             return "a task must reshape"
         return None if self.bend is None else unreachable_reason(sequence, self.bend)
 
     @cached_property
     def impossible(self) -> str | None:
-        """Why no sequence of its modes brings about the bend, if none does."""
+        """Reason why no sequence of its modes brings about the bend, if none does."""
         if self.bend is None:
             return None
         rigid_first = sorted(self.modes, key=lambda mode: mode != self.rigid)
@@ -144,7 +144,7 @@ class StageBounds:
 
     @cached_property
     def alike(self) -> Hashable:
-        """What bounds of the stage alone depend on."""
+        """Key of all that bounds of the stage alone depend on."""
         bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
         moves = self.drives_first, self.drives_last, self.drive, self.reshapes, self.least_s
         return self.modes, self.last, self.final, self.most_phases, moves, bend
@@ -159,7 +159,7 @@ class StageBounds:
 
 
 class Way(NamedTuple):
-    """What moves the robot on: whether it drives, and how many blocks of soft phases there are."""
+    """Way of moving on: whether it drives, and how many blocks of soft phases there are."""
 
     drives: bool = False
     blocks: int = 0

@@ -33,7 +33,7 @@ _ROUNDING = 1e-9  # of W
 
 @dataclass(frozen=True, eq=False)
 class StageRelaxation:
-    """How far and how fast the bending coordinates may go.
+    """Relaxation of a stage: how far and how fast the bending coordinates may go.
 
     Attributes:
         room: Asks for (low, high) of each segment: change of W since t = 0 that limits allow.
@@ -48,7 +48,7 @@ class StageRelaxation:
     soft_travel_m: float
 
     def driven_m(self, sequence: Sequence[Mode], distance_m: float) -> float:
-        """How far drives must come where a sequence comes so far."""
+        """Distance that drives must come where a sequence comes so far."""
         blocks = blocks_of(sequence)
         return distance_m - blocks * self.soft_travel_m if blocks else distance_m
 
@@ -177,7 +177,7 @@ def _comes_as_far(
 
 
 def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> bool:
-    """Whether stages that use these soft modes can bend as they must, one after the other.
+    """True if stages that use these soft modes can bend as they must, one after the other.
 
     Args:
         changes: (low, high) of every segment's change of W up to the end of each stage.

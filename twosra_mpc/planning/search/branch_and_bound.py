@@ -40,7 +40,7 @@ class Tree(Protocol[Node, Solution_co]):
         """Return the children of ``node``."""
 
     def too_deep(self, node: Node) -> bool:
-        """Whether a depth limit forbids opening ``node``, although there may be leaves below."""
+        """True if a depth limit forbids opening ``node``, although there may be leaves below."""
 
     def leaf_bound(self, node: Node) -> float:
         """Lower bound on the cost of ``node`` itself as a leaf; inf if it is none or infeasible."""
@@ -237,7 +237,7 @@ class _Search(Generic[Node, Solution]):
 
     @property
     def open(self) -> bool:
-        """Whether something in the queue may beat the incumbent."""
+        """True if something in the queue may beat the incumbent."""
         return bool(self.queue) and self.queue[0].bound < self.cost
 
     @property
@@ -248,12 +248,12 @@ class _Search(Generic[Node, Solution]):
 
     @property
     def vain(self) -> bool:
-        """Whether much was opened and tried without a solution."""
+        """True if much was opened and tried without a solution."""
         return not self.incumbents and self.steps + _TRIED * self.solved > _PATIENCE
 
     @property
     def closed(self) -> bool:
-        """Whether the incumbent is within the gap."""
+        """True if the incumbent is within the gap."""
         return self.cost - self.lower_bound <= self.gap * self.cost < math.inf
 
     def result(self, ending: Ending) -> SearchResult[Solution]:

@@ -1,4 +1,4 @@
-"""What is in the robot's way, as the search asks for it."""
+"""Obstacles as the search asks for them: what is in the robot's way."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from twosra_mpc.robot.modes import ModeSequence
 
 
 class InTheWay:
-    """What is in the robot's way in a stage: in free space, nothing."""
+    """Obstacles in the robot's way in a stage: in free space, none."""
 
     def blocks(self, sequence: ModeSequence | None) -> str | None:
-        """Why a stage's sequence, or any if None, cannot be carried out, as far as is known."""
+        """Reason why a stage's sequence, or any if None, cannot be carried out, if known."""
         del sequence
         return None
 
     def proves_impossible(self, sequence: ModeSequence) -> bool:
-        """Whether a sequence is proved impossible, by what is known or is worked out now."""
+        """True if a sequence is proved impossible, by what is known or is worked out now."""
         return self.blocks(sequence) is not None
 
     def least_drives_s(self, sequence: ModeSequence) -> Sequence[float]:

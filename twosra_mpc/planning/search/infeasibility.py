@@ -1,4 +1,4 @@
-"""Why there is no plan, in words: which goal, which invariant, which limit, and what to change.
+"""Infeasibility in words: which goal, which invariant, which limit, and what to change.
 
 What is called impossible here holds for mode sequences of any length; what is said of sequences up
 to a length is proved by the same relaxation that bounds their cost.

@@ -122,7 +122,7 @@ class Leaves:
         return cost
 
     def first_is_forbidden(self, whole: Whole) -> bool:
-        """Whether the bends of the first stage's bound pass a forbidden shape."""
+        """True if the bends of the first stage's bound pass a forbidden shape."""
         task, first = self._stages(whole)[0].bend, whole.sequences[0]
         return task is not None and passes_forbidden(
             first, task, self.bounds[whole].bends[: len(first)]

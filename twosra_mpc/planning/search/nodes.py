@@ -101,7 +101,7 @@ class Nodes:
         return [self.opened(node.variant, (*node.sequences, each)) for each in sequences]
 
     def too_deep(self, node: Node) -> bool:
-        """Whether the open stage, or its shortest child, has more phases than are opened."""
+        """True if the open stage, or its shortest child, has more phases than are opened."""
         if node.variant < 0 or (opened := self.open_stage(node)) is None:
             return False
         stage, begins = opened

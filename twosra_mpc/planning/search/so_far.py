@@ -19,7 +19,7 @@ from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, 
 
 
 class Past(NamedTuple):
-    """What the first stages of a variant take: infinite where they are proved impossible."""
+    """Least cost of the first stages of a variant: infinite where they are proved impossible."""
 
     cost: float
     phases: ModeSequence = ()
@@ -54,7 +54,7 @@ class SoFar:
     # --- Stages that are over
 
     def past(self, over: Whole) -> Past:
-        """What the first stages take with these sequences."""
+        """Least cost of the first stages with these sequences."""
         if over not in self._past:
             self._past[over] = self._passes(over)
         return self._past[over]
@@ -88,7 +88,7 @@ class SoFar:
         return Past(cost, joined, tuple(durations))
 
     def impossible(self, over: Whole) -> str | None:
-        """Why these sequences cannot be, as far as that is told without times."""
+        """Reason why these sequences cannot be, as far as that is told without times."""
         pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
         if (reason := next(filter(None, misfits), None)) is not None:
@@ -100,7 +100,7 @@ class SoFar:
         return self.timing.refusal(over.joined, over.joined[-1])
 
     def _bends(self, over: Whole) -> bool:
-        """Whether the modes can bring about the shapes of the stages."""
+        """True if the modes can bring about the shapes of the stages."""
         stages = self.nodes.variants[over.variant][: len(over.sequences)]
         if all(stage.bend is not None for stage in stages):
             return True  # else one of them were a misfit
@@ -111,7 +111,7 @@ class SoFar:
         return self._bending[key]
 
     def _stranded(self, over: Whole) -> bool:
-        """Whether the last stage is too far away for blocks alone, and there is no drive."""
+        """True if the last stage is too far away for blocks alone, and there is no drive."""
         done, stages = len(over.sequences), self.nodes.variants[over.variant]
         last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
         if not last.distance_m:

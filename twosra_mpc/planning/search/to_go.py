@@ -50,7 +50,7 @@ class Alone:
         return self._durations[key]
 
     def cost(self, stage: StageBounds, begins: Mode, sequence: ModeSequence) -> float:
-        """What a stage adds at least with a sequence, whatever came before it."""
+        """Least that a stage adds with a sequence, whatever came before it."""
         key = stage.alike, begins, sequence
         if key not in self._costs:
             durations, settled = self.durations(stage, sequence), stage.settled(sequence)
@@ -128,7 +128,7 @@ class Alone:
 
 @dataclass
 class ToGo:
-    """What the last stages of variants add at least.
+    """Least cost to go: what the last stages of variants add at least.
 
     Attributes:
         variants: The stages of every variant.
@@ -142,14 +142,14 @@ class ToGo:
     _known: dict[tuple[int, int, Mode, Way], float] = field(default_factory=dict)
 
     def after(self, variant: int, done: int) -> float:
-        """What the stages from a number on add at least, whatever the one before does."""
+        """Least that the stages from a number on add, whatever the one before does."""
         if done == len(self.variants[variant]):
             return 0.0
         endings = self.variants[variant][done - 1].endings
         return min(self.least(variant, done, mode, Way(drives=True)) for mode in endings)
 
     def least(self, variant: int, done: int, begins: Mode, way: Way) -> float:
-        """What the stages from a number on add at least, from a stiffness on.
+        """Least that the stages from a number on add, from a stiffness on.
 
         ``way`` is what has moved since the last end of a stage whose place is known.
         """
@@ -176,6 +176,6 @@ class ToGo:
         return self._known[key]
 
     def too_far(self, stage: StageBounds, way: Way) -> bool:
-        """Whether blocks alone do not come as far as a stage must, and there is no drive."""
+        """True if blocks alone do not come as far as a stage must, and there is no drive."""
         by_blocks = way.blocks * self.soft_travel_m if way.blocks else 0.0
         return not way.drives and stage.distance_m > by_blocks

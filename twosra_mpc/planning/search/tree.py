@@ -83,7 +83,7 @@ class Tree(Generic[Solution]):
         return self.nodes.children(node)
 
     def too_deep(self, node: Node) -> bool:
-        """Whether the open stage, or its shortest child, has more phases than are opened."""
+        """True if the open stage, or its shortest child, has more phases than are opened."""
         return self.nodes.too_deep(node)
 
     def bound(self, node: Node) -> float:

@@ -80,7 +80,7 @@ def block(
 
 
 class Sweep:
-    """What a block sweeps, and whether that is clear of what is around the robot."""
+    """Sweep of a block, and whether it is clear of what is around the robot."""
 
     def __init__(
         self, block: Block, robot: Robot, world: World, sagitta_m: float = SAGITTA_M
@@ -95,7 +95,7 @@ class Sweep:
         self._needed = self._around.kept_m + half
 
     def may_be_clear(self, poses: Array) -> NDArray[np.bool_]:
-        """Whether some shapes on the way are clear where the block begins at poses (m, 3), (m,)."""
+        """True if some shapes on the way are clear where the block begins at poses (m, 3), (m,)."""
         last = len(self._pieces) - 1
         left = np.arange(len(poses))
         for k in dict.fromkeys([last, 0, *range(0, last, max(1, last // _COARSE))]):
@@ -106,13 +106,13 @@ class Sweep:
         return clear
 
     def clear(self, pose: Array) -> bool:
-        """Whether the whole sweep is clear where the block begins at a pose (3,)."""
+        """True if the whole sweep is clear where the block begins at a pose (3,)."""
         corners = placed(self._pieces, np.tile(pose, (len(self._pieces), 1)))
         return bool((self._around.distances(corners) >= self._needed).all())
 
 
 def _travel_m(nodes: Array, geometry: Geometry, radius: float) -> Array:
-    """How far any point of the robot moves from node to node, at most, (m - 1,) [m]."""
+    """Largest travel of any point of the robot from node to node, at most, (m - 1,) [m]."""
     moved, left = np.abs(np.diff(nodes, axis=0)), geometry.inner_link_of_b0
     by_bending = moved[:, POSE:] * reach_per_curvature_m2(geometry)
     bent = np.maximum(by_bending[:, :left].sum(axis=1), by_bending[:, left:].sum(axis=1))

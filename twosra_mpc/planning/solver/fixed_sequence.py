@@ -39,7 +39,7 @@ _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cos
 
 
 class SolveStatus(enum.Enum):
-    """What the backend said of a nonlinear program, as advice."""
+    """Status of a nonlinear program as the backend said it: advice."""
 
     SOLVED = "a local optimum"
     ACCEPTABLE = "a point that meets looser tolerances; verify before use"

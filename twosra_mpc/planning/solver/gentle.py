@@ -109,7 +109,7 @@ def _lasting(candidate: Candidate, durations: Array, found: Schedule) -> Candida
 
 
 def _slower(profile: SpeedProfile, problem: Problem) -> float:
-    """How many times slower a phase may be: its fastest wheel must leave the dead zone."""
+    """Factor by which a phase may be slower: its fastest wheel must leave the dead zone."""
     least = problem.robot.limits.wheel_speed_min_rad_s
     return min(_SLOWEST, max(1.0, profile.peak_rad_s / least)) if least else _SLOWEST
 
@@ -163,7 +163,7 @@ def _least_effort(
 
 
 def _longest_paths(network: TemporalNetwork) -> Array:
-    """How far apart the constraints keep every two events, (events, events) [s]; -inf: free."""
+    """Longest paths: how far apart every two events are kept, (events, events) [s]; -inf: free."""
     apart = np.full((network.layout.count, network.layout.count), -np.inf)
     for (u, v), least in network.least.items():
         apart[u, v] = least

@@ -166,7 +166,7 @@ def bend_changes(problem: Problem, *goals: GoalSet) -> Array:
 
 
 def inner_goal(robot: Robot, goal: GoalSet) -> GoalSet:
-    """Where in a goal plans should end, for the sake of their runs."""
+    """Part of a goal where plans should end, for the sake of their runs."""
     accuracy = robot.accuracy
     return goal.loosened(-accuracy.planned(robot.coordinates)) if accuracy else goal
 

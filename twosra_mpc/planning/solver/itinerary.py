@@ -52,7 +52,7 @@ DrivesOf = Callable[[Placement, Array], Drives]
 
 
 class Stop(NamedTuple):
-    """What is done between two drives.
+    """Stop between two drives, and what is done there.
 
     Attributes:
         displacement: Pose of b0 afterwards, as seen from where it was, (3,).
@@ -271,7 +271,7 @@ class _Stops:
         return aims(stage, begun[:1], shape) if stage.away is None else np.zeros((0, POSE))
 
     def _begins(self, stage: Placement, made: Block, begun: Array, *, last: bool) -> Array:
-        """Where a block may begin: about where the stage began, or so that it ends about its end.
+        """Poses where a block may begin: about where the stage began, or to end about its end.
 
         A block after which there is no drive ends in the end itself.
         """
@@ -331,7 +331,7 @@ class _Stops:
 
 
 def drives(stage: Placement, sequence: ModeSequence, k: int) -> bool:
-    """Whether a stage drives before its block ``k``, or after all of them."""
+    """True if a stage drives before its block ``k``, or after all of them."""
     runs = soft_runs(sequence)
     if runs and ((k == 0 and not stage.drives_first) or (k == len(runs) and not stage.drives_last)):
         return False

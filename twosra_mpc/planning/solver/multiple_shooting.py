@@ -43,7 +43,7 @@ TIME_SCALE = 100.0  # s
 
 
 def state_scale(robot: Robot | Body) -> Array:
-    """What the coordinates of q are divided by, (3 + n,): 0.1 m, 1 rad, 30 1/m."""
+    """Scale of the coordinates of q, (3 + n,): 0.1 m, 1 rad, 30 1/m."""
     return Coordinates(robot.body.geometry.segments).each(0.1, 1.0, 30.0)
 
 
@@ -182,7 +182,7 @@ def _apart(body: Body, kappa: ca.MX) -> ca.MX:
 
 
 def _terminal(goal: GoalSet | None, end: ca.MX) -> ca.MX:
-    """What is zero where the motion ends in the goal, within its box."""
+    """Terminal constraint: zero where the motion ends in the goal, within its box."""
     if goal is None:
         return ca.MX(0, 1)
     q = ca.SX.sym("q", end.numel())

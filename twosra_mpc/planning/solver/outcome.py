@@ -53,7 +53,7 @@ def verified(
 
 
 def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tuple[float, ...]:
-    """When each task of a mission is done: at the end of its stage; a box when it is entered."""
+    """Times when tasks of a mission are done: at the end of their stages; boxes when entered."""
     if not problem.is_mission:
         return ()
     moved = Trajectory(problem, samples, (), (), (0.0,) * len(problem.tasks))

@@ -118,7 +118,7 @@ class Placer:
         return checked(itinerary.problem, candidate, network)
 
     def _proved_impossible(self, whole: Whole) -> bool:
-        """Whether obstacles are proved to forbid a sequence, as far as is known or found now."""
+        """True if obstacles are proved to forbid a sequence, as far as is known or found now."""
         pairs = zip(self.in_the_way[whole.variant], whole.sequences, strict=True)
         return any(stage.proves_impossible(sequence) for stage, sequence in pairs)
 
@@ -232,7 +232,7 @@ def _as_asked(
     bends: Bends,
     found: Array,
 ) -> bool:
-    """Whether every stage ends in a shape of its goal, and bends if it must."""
+    """True if every stage ends in a shape of its goal, and bends if it must."""
     for stage, goal, bend, shape in zip(stages, goals, bends, found, strict=True):
         low, high = goal.box(problem.start.configuration)
         off = np.maximum(low[POSE:] - shape, shape - high[POSE:])
@@ -262,7 +262,7 @@ def _independent(vectors: Sequence[Array]) -> bool:
 
 
 def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
-    """How long each rigid phase may last without making the plan longer, alone; else 0 [s]."""
+    """Duration that each rigid phase may have without making the plan longer, alone; else 0 [s]."""
 
     def finish(durations: Sequence[float]) -> float:
         times = earliest_times(with_durations(network, durations))

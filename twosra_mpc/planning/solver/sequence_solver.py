@@ -69,12 +69,12 @@ class Solved:
 
     @property
     def verifies(self) -> bool:
-        """Whether its plan was made and verifies."""
+        """True if its plan was made and verifies."""
         return self.plan is not None and self.plan.verification.ok
 
     @cached_property
     def cost(self) -> float:
-        """What it costs [s]."""
+        """Cost of its plan [s]."""
         return cost_s(self.problem, self.candidate, self.network)
 
 

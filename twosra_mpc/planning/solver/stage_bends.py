@@ -1,4 +1,4 @@
-"""How far each phase of a mission bends: as the relaxation does, but well inside of the goals."""
+"""Bend of each phase of a mission: as the relaxation does, but well inside of the goals."""
 
 from __future__ import annotations
 

@@ -139,14 +139,14 @@ def chains(
 
 
 def _direct_s(driver: Driver | None, here: Array, there: Array, hidden_s: float) -> Array:
-    """What direct drives between poses (..., 3) add to the plan [s]; without a driver none may."""
+    """Cost added by direct drives between poses (..., 3) [s]; without a driver none may."""
     if driver is None:
         return np.where(np.abs(twists(here, there)).max(axis=-1) < _SAME, 0.0, np.inf)
     return _cost_s(driver.leg_times_s(here, there), hidden_s)
 
 
 def _cost_s(drive_s: Array, hidden_s: float) -> Array:
-    """What drives cost of which some is hidden; those that cost nothing by how long they are."""
+    """Cost of drives of which some is hidden; those that cost nothing by how long they are."""
     return np.maximum(0.0, drive_s - hidden_s) + _TIE * drive_s
 
 
@@ -244,7 +244,7 @@ class _Legs:
         return (j,) if drive == len(self._cost) - 1 else (i, j)
 
     def cost_s(self, path: Sequence[int]) -> float:
-        """What the drives of a chain add to the plan."""
+        """Cost that the drives of a chain add to the plan."""
         ends = self._ends(path)
         return sum(float(self._cost[k][self._place(k, i, j)]) for k, (i, j) in enumerate(ends))
 

@@ -1,4 +1,4 @@
-"""What a mission asks that cannot be: starts, goals and objects that overlap or are outside."""
+"""Checks of missions that cannot be: starts, goals and objects that overlap or are outside."""
 
 from __future__ import annotations
 

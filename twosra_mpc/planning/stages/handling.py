@@ -51,7 +51,7 @@ class Handling:
             yield from self._released(stage, at)
 
     def at_start(self) -> Hold:
-        """How the object that the start holds is held.
+        """Hold of the object that the start holds.
 
         Raises:
             InputError: If it is neither caged nor pushed.
@@ -141,7 +141,7 @@ class Handling:
         )
 
     def _turned_as_asked(self, name: str) -> bool:
-        """Whether an object is to be carried to a heading."""
+        """True if an object is to be carried to a heading."""
         own = (task for task in carries(self.problem.tasks).values() if task.object == name)
         return any(task.phi_rad is not None for task in own)
 
@@ -264,7 +264,7 @@ def _a_few(touches: Sequence[Touch]) -> Iterator[Touch]:
 
 
 def _no_grasp(task: Grasp, found: TouchSet) -> str:
-    """Why an object cannot be held as asked."""
+    """Reason why an object cannot be held as asked."""
     if not found.touches:
         return f"nothing closes around {task.object}: {', '.join(found.refused)}"
     wrap = math.degrees(found.best_wrap_rad)

@@ -1,4 +1,4 @@
-r"""What obstacles make necessary, proved: blocks between drives, or more than any plan can do.
+r"""Necessity proved by obstacles: blocks between drives, or more than any plan can do.
 
 A drive is a motion in one shape, a block reshapes, and moves b0 by no more than ``soft_travel_m``.
 
@@ -31,7 +31,7 @@ _MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
 
 
 class Necessity(InTheWay):
-    """How many blocks every plan needs; what is worked out stays known."""
+    """Number of blocks that every plan needs; what is worked out stays known."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self._geometry = problem, problem.robot.geometry
@@ -41,7 +41,7 @@ class Necessity(InTheWay):
         self._left = [self._no_path_at_all, *(lambda n=n: self._by_slices(n) for n in HEADINGS)]
 
     def blocks(self, sequence: ModeSequence | None) -> str | None:
-        """Why a sequence, or any if None, cannot be carried out, by what is known so far."""
+        """Reason why a sequence, or any if None, cannot be carried out, by what is known so far."""
         if sequence is None or self.impossible is not None:
             return self.impossible
         count = blocks_of(sequence)
@@ -51,7 +51,7 @@ class Necessity(InTheWay):
 
     @property
     def words(self) -> str:
-        """What is known, in words."""
+        """Words for what is known."""
         if self.needed == 0:
             return "nothing is proved of the obstacles"
         if self.needed == 1:
@@ -79,7 +79,7 @@ class Necessity(InTheWay):
         return least
 
     def proves_impossible(self, sequence: ModeSequence) -> bool:
-        """Whether a sequence is proved impossible, by what is known or is worked out now."""
+        """True if a sequence is proved impossible, by what is known or is worked out now."""
         while self.blocks(sequence) is None and self._left:
             self._left.pop(0)()
         return self.blocks(sequence) is not None
@@ -134,7 +134,7 @@ class Necessity(InTheWay):
 
 
 def necessities(variant: Variant) -> list[InTheWay]:
-    """What obstacles make necessary in each stage: known of the first, where it is a goal."""
+    """Necessity of each stage by its obstacles: known of the first, where it is a goal."""
     first, *others = variant.members[0]
     asked = first.stage
     plain = first.reaches and not (asked.touches or asked.holds) and asked.last is not None
@@ -143,14 +143,14 @@ def necessities(variant: Variant) -> list[InTheWay]:
 
 
 def same_shape(problem: Problem) -> bool:
-    """Whether the goal may be reached in the shape of the start."""
+    """True if the goal may be reached in the shape of the start."""
     kappa = problem.start.configuration[POSE:]
     low, high = (end[POSE:] for end in problem.goal.box_met(problem.start.configuration))
     return bool(((low <= kappa) & (kappa <= high)).all())
 
 
 def last_shape(problem: Problem) -> Footprint | None:
-    """What every shape of the goal holds of its middle one; None if that is nothing."""
+    """Invariant that every shape of the goal shares with its middle one; None if none."""
     kappa, width = problem.goal.configuration[POSE:], problem.goal.half_width[POSE:]
     if np.isnan(kappa).any() or width.max() > _MOST_PER_M:
         return None

@@ -59,7 +59,7 @@ class Placement:
 
     @property
     def reaches(self) -> bool:
-        """Whether it ends in any pose and shape of its goal."""
+        """True if it ends in any pose and shape of its goal."""
         return self.ends is None and self.away is None
 
     @property

@@ -1,4 +1,4 @@
-"""Where the stages of a mission may end: poses of b0 at what is touched."""
+"""Poses of b0 where the stages of a mission may end, at what is touched."""
 
 from __future__ import annotations
 

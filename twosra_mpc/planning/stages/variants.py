@@ -28,7 +28,7 @@ _OVERLAP_M = 4e-4  # with what is touched, of what is drawn around the robot
 
 
 class Hold(NamedTuple):
-    """How an object is held: its number, the robot's shape, and its pose in b0."""
+    """Hold of an object: its number, the robot's shape, and its pose in b0."""
 
     number: int
     kappa: Array
@@ -37,7 +37,7 @@ class Hold(NamedTuple):
 
 
 class State(NamedTuple):
-    """What has been done so far.
+    """State after what has been done so far.
 
     Attributes:
         placements: The stages so far.
@@ -56,7 +56,7 @@ class State(NamedTuple):
     key: tuple[float, ...] = ()
 
     def after(self, placement: Placement) -> State:
-        """What comes after a stage; boxes to pass belonged to it, and what was held moved."""
+        """State after a stage; boxes to pass belonged to it, and what was held moved."""
         charge(Cost.STAGE)
         placement, poses = replace(placement, passes=self.passes), list(self.poses)
         if (hold := self.hold) is not None:
