@@ -204,8 +204,9 @@ def _missed(model: SegmentModel) -> float:
     return share * (model.liquid_level - model.solid_level)
 
 
-def _at(states: Sequence[Array], row: int) -> State:
-    """The state at a sample."""
+def _at(states: Sequence[Array], samples: Samples, when: float) -> State:
+    """The state at the sample nearest to a time."""
+    row = int(np.argmin(np.abs(samples.t_s - when)))
     return tuple(float(values[row]) for values in states)
 
 

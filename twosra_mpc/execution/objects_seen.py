@@ -15,6 +15,7 @@ from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, wrapped
 
 if TYPE_CHECKING:
     from twosra_mpc.space.penetration import Thing
+    from twosra_mpc.space.possible import Enclosure
 
 _LEAST_GAIN = 0.1  # at 15 Hz what has moved is noticed within a second; 0.23 of a frame's noise
 
