@@ -1,342 +1,291 @@
-"""Belief about the heat of a segment: two bounds of its metal, and the power of its heater.
+"""Belief about the heat of a segment: the healthy segments that would have shown what it showed.
 
-The bounds are the segment model at two corners of the healthy ranges, propagated with the heater's
-current: the one that melts last, cold, and the one that melts first, hot. Both warm as steeply as
-the segment does. The power follows from the steepest rise of the sensor at full current, is
-remembered from melt to melt, and lies between what that rise shows and what a slow sensor may hide
-of it. A lie that rises slowly makes a weak heater of a strong one, but no healthy sensor slows
-down before its metal melts: see `HeatBelief.slow`. Otherwise a reading lowers what metal has at
-most only where heat cannot harm: with the heater off, or hardly on.
+Healthy segments of every kind, drawn over the ranges of the robot file, are warmed by the heater's
+known current beside the true one, each under a sensor of its own. Whichever shows something else is
+replaced by one like those that are left. So all that a robot has shown is known: the power of its
+heater, its latent heat, its loss, the lag of its sensor. Metal is as hot as the hottest of those
+that are left, liquid where one of them is, and liquid for sure where all are. A reading that none
+of them can show is of no healthy segment: until it is, the heater is off.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from twosra_mpc.control.stiffness import stiffness_rule
-from twosra_mpc.control.thermistor import Lag, follow
-from twosra_mpc.execution.rise import UNLIKE_K, Rise, rise
 from twosra_mpc.robot.description import Robot, segment_model
-from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
-from twosra_mpc.thermal.uncertainty import corners
+from twosra_mpc.thermal.model import Array, thresholds_C
+from twosra_mpc.thermal.uncertainty import healthy_ranges
 
-SENSOR_OFF_K = 4.0  # thermistor of 1 % parts 2, melting point 1, model 1
-LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
-_COOLED_K = 1.0  # below that the heater may be on again
-_FULL = 0.95  # of the current
-_SETTLED_S = 30.0  # heater off: sensor and metal are together
-_MEAN_S = 12.0  # over which power is averaged
-_QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
-_RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
-_EVIDENT_K = 2.0  # may a thermistor show liquid metal too cold
-_WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
-_PAUSE_S, _PORTION_K = 3.0, 12.0  # more heat, while no liquid metal is shown
-_SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
-_HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
+COUNT = 600  # of segments: half as many lose the true one in one of a few hundred runs
+UNLIKE_K = 1.5  # off by more is no healthy segment: among so many, one is nearer than 1 K
+_DOUBT_K = 0.9  # off by more, the heater waits
+_FITS_K, _AS_WELL = 0.35, 1.4  # so far off at most, or so many times as far as the best, it is left
+_FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
+_RENEWED = 0.4  # share of those left below which the others are replaced
+_SPREAD, _LEAST_SPREAD = 0.5, 0.003  # of the new: of those left, and of the whole range
+_METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
+_BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
+_AHEAD_S = 1.0  # until the next reading the heater may go on
+_WIDER = 0.03  # share by which ranges are wider than the robot file's: segments at their ends
+_MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 1.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
+_LAGS, _SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in one of the two
+_START_OFF_K = 3.0  # of metal that is said to be warm
+_SOLID_K = 5.0  # below the melting point a first reading is believed
+_STEP_S = 0.5
+_HELD_S = 3.0  # in which a switch brings metal back to its set-point
+_EPS = 1e-6
 
 
-@dataclass(frozen=True)
-class Corners:
-    """Cold and hot corner of the healthy ranges; powers in shares of the cold corner's full power.
+class Heat(NamedTuple):
+    """What a heater did from one reading to the next.
 
     Attributes:
-        cold: Segment that melts last.
-        hot: Segment that melts first.
-        hot_needs: Power with which the hot corner warms as the cold one does at full power.
-        powers: Least and largest power of healthy heaters.
-        quiet: Power that holds the nominal segment at the highest temperature.
-        full_A: Current of full power.
-        soft_C: Set-point.
-        liquid_C: Reading of liquid metal.
-        evident: Level of the cold corner at which every healthy sensor shows liquid metal.
-        cut_C: Temperature of the hot corner from which on the heater is off.
+        passed_s: Time.
+        share: Share of it at full current, or of the full current's heat.
+        unknown: By how much more or less that may be.
+        warm: Whether this was metal to be kept warm, not molten: not every firmware does.
+        held_C: Reading about which a switch holds liquid metal, with a share nobody knows; or NaN.
     """
 
-    cold: SegmentModel
-    hot: SegmentModel
-    hot_needs: float
-    powers: tuple[float, float]
-    quiet: float
-    full_A: float
-    soft_C: float
-    liquid_C: float
-    evident: float
-    cut_C: float
+    passed_s: float
+    share: float
+    unknown: float = 0.0
+    warm: bool = False
+    held_C: float = math.nan
+
+    def then(self, later: Heat) -> Heat:
+        """Heat of both times."""
+        passed_s = self.passed_s + later.passed_s
+        if self.passed_s == 0.0 or later.passed_s == 0.0:
+            return later if self.passed_s == 0.0 else self
+        part = later.passed_s / passed_s
+        share, unknown = (
+            before + part * (after - before)
+            for before, after in ((self.share, later.share), (self.unknown, later.unknown))
+        )
+        held_C = math.nan if math.isnan(self.held_C) else later.held_C
+        return Heat(passed_s, share, unknown, later.warm, held_C)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeatBelief:
-    """State of the belief; a value, which ``advance`` and ``take`` replace.
+    """Healthy segments; a value, which ``take`` replaces.
 
     Attributes:
-        corners: What the segment may be.
-        cold: State of the cold corner.
-        hot: State of the hot corner.
-        shown: The slowest healthy sensor on the cold corner [C].
-        shown_C: Last reading.
-        least: Least power, told by the steepest rise so far.
-        most: Largest power, as it was told before this rise.
-        rise: Healthy robots in the same rise; None while there is none from rest.
-        begun: States of the corners when full current began.
-        full_s: For how long full current has flowed.
-        off_s: For how long none has.
-        mean: Share of the full current's heat, averaged over `_MEAN_S`.
+        nominal: The segment as described.
+        full_A: Full current.
+        cut_C: Temperature of the hottest from which on the heater is off.
+        solid_C: Reading below which all metal is solid.
+        names: Parameters of the model that differ.
+        low: Least values of these; of gain, lag and its share in the first of two; of whether
+            firmware keeps metal warm, if rounded, (p, 1).
+        high: Largest, (p, 1).
+        values: Of each segment, (p, n).
+        state: Of its metal, by the model, each (n,).
+        lag_C: Of its sensor, (2, n).
+        worst_K: Largest distance from the readings, which is forgotten slowly, (n,).
+        left: Which are left, (n,).
+        taken: Steps so far, the seed of what is drawn.
         cut: Whether the heater must be off, whatever a reading says.
-        enough: Level of the cold corner at which all earlier melts were done.
-        whole: Whether all metal was solid when this melt began.
-        melted: Whether the sensor has shown liquid metal since the heater was off for long.
     """
 
-    corners: Corners
-    cold: State
-    hot: State
-    shown: Lag
-    shown_C: float
-    enough: float
-    least: float
-    most: float
-    rise: Rise | None = None
-    begun: tuple[State, State] = ((), ())
-    full_s: float = 0.0
-    off_s: float = math.inf
-    mean: float = 0.0
+    nominal: Any
+    full_A: float
+    cut_C: float
+    solid_C: float
+    names: tuple[str, ...]
+    low: Array
+    high: Array
+    values: Array
+    state: tuple[Array, ...]
+    lag_C: Array
+    worst_K: Array
+    left: NDArray[np.bool_]
+    taken: int = 0
     cut: bool = False
-    whole: bool = True
-    melted: bool = False
 
     @property
-    def at_least_C(self) -> float:
-        """Temperature of the cold corner."""
-        return self.corners.cold.temperature_C(self.cold)
+    def off_K(self) -> float:
+        """Distance of the readings from those of the most similar healthy segment."""
+        return float(self.worst_K.min())
 
     @property
-    def at_most_C(self) -> float:
-        """Temperature of the hot corner."""
-        return self.corners.hot.temperature_C(self.hot)
+    def shows_C(self) -> tuple[float, float]:
+        """Lowest and highest reading of those that are left."""
+        shown_C = self.lag_C[1][self.left]
+        return float(shown_C.min()), float(shown_C.max())
 
     @property
-    def shows_at_least_C(self) -> float:
-        """Lowest reading of a healthy sensor while the metal warms."""
-        return min(self.shown[1], self.at_least_C) - SENSOR_OFF_K
-
-    @property
-    def shows_at_most_C(self) -> float:
-        """Highest reading of a healthy sensor while the metal warms."""
-        return self.at_most_C + 2 * SENSOR_OFF_K
+    def metal_C(self) -> tuple[float, float]:
+        """Coldest and hottest metal of those that are left."""
+        metal_C = self._model.temperature_C(self.state)[self.left]
+        return float(metal_C.min()), float(metal_C.max())
 
     @property
     def may_be_liquid(self) -> bool:
-        """Whether the hot corner is liquid."""
-        return self.corners.hot.level(self.hot) >= self.corners.hot.liquid_level
+        """Whether one of those that are left is liquid."""
+        return bool(self._liquid[self.left].any())
 
     @property
     def surely_liquid(self) -> bool:
-        """Whether the cold corner has had the heat with which all earlier melts were done."""
-        at = self.corners.cold
-        return at.level(self.cold) >= min(self.enough, at.liquid_level)
+        """Whether all that are left are liquid."""
+        return bool(self._liquid[self.left].all())
+
+    def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
+        """Warm all, and compare them with a reading, if there is one."""
+        now = self._warmed(heat) if heat.passed_s else self
+        if shown_C is None:
+            return now
+        forgotten = math.exp(-heat.passed_s / _FORGET_S)
+        worst_K = np.maximum(np.abs(now.lag_C[1] - shown_C), now.worst_K * forgotten)
+        left = worst_K <= max(_FITS_K, _AS_WELL * float(worst_K.min()))
+        now = replace(now, worst_K=worst_K, left=left)
+        return (now._renewed() if left.mean() < _RENEWED else now)._judged()
+
+    def begun(self, shown_C: float, start_C: float) -> HeatBelief:
+        """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
+        gain, *_ = self._sensor()
+        air_C = self._model.ambient_C
+        metal_C = air_C + (shown_C - air_C) / gain
+        if shown_C >= self.solid_C:
+            metal_C = start_C + self._rng().uniform(-_START_OFF_K, _START_OFF_K, len(gain))
+        each = [self.nominal.initial(one_C) for one_C in metal_C.tolist()]
+        state = self._model.as_in(self.nominal, tuple(map(np.array, zip(*each, strict=True))))
+        touched_C = air_C + gain * (self._model.temperature_C(state) - air_C)
+        return replace(self, state=state, lag_C=np.array([touched_C, touched_C]))
+
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng(self.taken)
+
+    @cached_property
+    def _model(self) -> Any:
+        """All of them as one model, whose parameters are arrays."""
+        return replace(self.nominal, **dict(zip(self.names, self.values, strict=False)))
 
     @property
-    def overdue(self) -> bool:
-        """Whether a healthy sensor would have begun to show liquid metal."""
-        return not self.melted and self.corners.cold.level(self.cold) >= self.enough
+    def _liquid(self) -> NDArray[np.bool_]:
+        return np.asarray(self._model.level(self.state) >= self._model.liquid_level)
 
-    @property
-    def half_molten(self) -> bool:
-        """Whether half the metal, at least, still has to freeze at its melting point."""
-        model = self.corners.cold
-        solid_C, liquid_C = thresholds_C(model)
-        half = (model.solid_level + model.liquid_level) / 2
-        return solid_C == liquid_C and model.level(self.cold) > half
+    def _sensor(self) -> tuple[Array, Array, Array]:
+        """Gains, time constants (2, n), and 1 or 0: whether firmware keeps metal warm."""
+        gain, lag_s, share, keeps = self.values[len(self.names) :]
+        return gain, np.array([lag_s * share, lag_s * (1 - share) + _EPS]), keeps.round()
 
-    @property
-    def power(self) -> tuple[float, float]:
-        """Least and largest power of the heater."""
-        if self.rise is None or not self.rise.tells:
-            return self.least, self.most
-        least, most = self.rise.powers
-        return max(self.least, min(least, self.most)), min(self.most, max(most, self.least))
+    def _warmed(self, heat: Heat) -> HeatBelief:
+        """Let time pass for all."""
+        model, state, lag_C = self._model, self.state, self.lag_C
+        (gain, lags_s, keeps), air_C = self._sensor(), model.ambient_C
+        share = heat.share + heat.unknown * self._rng().uniform(-1.0, 1.0, len(gain))
+        share = np.clip(share, 0.0, 1.0) * (keeps if heat.warm else 1.0)
+        if not math.isnan(heat.held_C):
+            share = np.where(self._liquid, self._holding(heat.held_C), share)
+        steps = max(1, math.ceil(heat.passed_s / _STEP_S - 1e-9))
+        step_s, current_A = heat.passed_s / steps, self.full_A * np.sqrt(share)
+        kept = np.exp(-step_s / lags_s)
+        touched_C = air_C + gain * (model.temperature_C(state) - air_C)
+        for _ in range(steps):
+            state = self._after(state, current_A, step_s)
+            before_C, touched_C = touched_C, air_C + gain * (model.temperature_C(state) - air_C)
+            middle_C = (before_C + touched_C) / 2
+            first_C = middle_C + (lag_C[0] - middle_C) * kept[0]
+            middle_C = (lag_C[0] + first_C) / 2
+            lag_C = np.array([first_C, middle_C + (lag_C[1] - middle_C) * kept[1]])
+        return replace(self, state=state, lag_C=lag_C, taken=self.taken + 1)
 
-    @property
-    def unlike(self) -> bool:
-        """Whether the sensor rises as that of no healthy robot with such a heater."""
-        return self.rise is not None and self.rise.off_K > UNLIKE_K
+    def _after(
+        self, state: tuple[Array, ...], current_A: Array | float, for_s: Array | float
+    ) -> tuple[Array, ...]:
+        """Metal after a short time."""
+        rates = self._model.rates(state, current_A)
+        return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
 
-    def advance(self, current_A: tuple[float, float], passed_s: float) -> HeatBelief:
-        """Propagate the cold corner with the least and the hot one with the largest current."""
-        if passed_s == 0.0:
-            return self
-        at, (least, most) = self.corners, self.power
-        cold_A, hot_A = (
-            current_A[0] * math.sqrt(least),
-            current_A[1] * math.sqrt(most * at.hot_needs),
+    def _holding(self, shown_C: float) -> Array:
+        """Shares with which metal goes to where a reading shows it."""
+        model, (gain, *_) = self._model, self._sensor()
+        here_C = model.temperature_C(self.state)
+        cools_C, warms_C = (
+            model.temperature_C(self._after(self.state, current_A, 1.0))
+            for current_A in (0.0, self.full_A)
         )
-        cold = at.cold.propagate(self.cold, cold_A, passed_s)
-        hot = at.hot.propagate(self.hot, hot_A, passed_s)
-        cold_C = self.at_least_C, at.cold.temperature_C(cold)
-        heat, left = (current_A[1] / at.full_A) ** 2, math.exp(-passed_s / _MEAN_S)
-        full = current_A[0] >= _FULL * at.full_A
-        since_s = self.full_s + passed_s
-        begun = replace(
+        to_C = model.ambient_C + (shown_C - model.ambient_C) / gain
+        wanted_C = here_C + (to_C - here_C) / _HELD_S
+        range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
+        share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
+        return share
+
+    def _renewed(self) -> HeatBelief:
+        """Replace those that are not left by some like those that are."""
+        rng, left, gone = self._rng(), np.flatnonzero(self.left), np.flatnonzero(~self.left)
+        of = np.arange(len(self.left))
+        of[gone] = rng.choice(left, len(gone))
+        copies = replace(
             self,
-            cold=cold,
-            hot=hot,
-            shown=follow(self.shown, LAGS_S, *cold_C, passed_s),
-            off_s=0.0 if current_A[1] > 0 else self.off_s + passed_s,
-            mean=heat + (self.mean - heat) * left,
+            values=self.values[:, of],
+            state=tuple(value[of] for value in self.state),
+            lag_C=self.lag_C[:, of],
+            worst_K=self.worst_K[of],
+            left=self.left[of],
         )
-        if full:
-            rise = self.rise
-            if self.full_s == 0.0:
-                begun = replace(begun, begun=(self.cold, self.hot))
-                solid = self.shown_C < thresholds_C(at.cold)[0] - _RISES_K
-                rise = self._begin() if solid and self.off_s >= _SETTLED_S else None
-            return replace(begun, full_s=since_s, rise=rise and rise.advance(passed_s))
-        if self.full_s == 0.0:
-            return begun
-        (least, most), air = (
-            self.power,
-            at.cold.level_at(at.cold.ambient_C),
-        )  # with more power earlier melts took more
-        enough = min(at.evident, air + least / self.least * (self.enough - air))
-        return replace(begun, least=least, most=most, enough=enough, full_s=0.0, rise=None)
-
-    def unsure(self) -> HeatBelief:
-        """Doubt that heat was let in at all: not every firmware keeps metal warm."""
-        at, shown_C, stayed = self.corners, self.shown_C, self.shown_C < self.shows_at_least_C
-        cold = _within(at.cold, self.cold, (-math.inf, shown_C))
-        most_C = shown_C + SENSOR_OFF_K if stayed else math.inf
-        hot = _within(at.hot, self.hot, (-math.inf, most_C))
-        off_s, shown = math.inf if stayed else 0.0, (shown_C, shown_C)
-        return replace(self, cold=cold, hot=hot, shown=shown, rise=None, full_s=0.0, off_s=off_s)
-
-    def _begin(self) -> Rise:
-        """Healthy robots at the same temperature, with heaters as they are known."""
-        model, full_A = self.corners.cold, self.corners.full_A
-        at = self.corners
-        solid_C = thresholds_C(at.hot)[0], thresholds_C(at.cold)[0]
-        known = self.shown_C, solid_C[0] - 0.1
-        rates = []
-        for at_C in known:
-            state = model.at_level(self.cold, model.level_at(at_C))
-            rates.append([_slope(model, state, share * full_A) for share in (0.0, 1.0)])
-        return rise(self.shown_C, (self.least, self.most), solid_C, known, np.array(rates))
-
-    def take(self, shown_C: float) -> HeatBelief:
-        """Take in a reading."""
-        read = replace(self, shown_C=shown_C)
-        told = read
-        if self.rise is not None and shown_C < thresholds_C(self.corners.hot)[0] - SENSOR_OFF_K:
-            told = replace(read, rise=self.rise.take(shown_C))
-        if told.power != self.power:
-            told = told._anew()
-        return told._together(shown_C)._judged()
-
-    def _anew(self) -> HeatBelief:
-        """Propagate both corners anew since full current began, with what is now known of it."""
-        at, (least, most) = self.corners, self.power
-        cold_A, hot_A = (at.full_A * math.sqrt(p) for p in (least, most * at.hot_needs))
-        cold = at.cold.propagate(self.begun[0], cold_A, self.full_s)
-        hot = at.hot.propagate(self.begun[1], hot_A, self.full_s)
-        return replace(self, cold=cold, hot=hot)
-
-    def _together(self, shown_C: float) -> HeatBelief:
-        """Bring metal and reading together where they must be, or where it does no harm."""
-        at, cold, hot = self.corners, self.cold, self.hot
-        liquid, told = shown_C >= at.liquid_C, self
-        if self.off_s >= _SETTLED_S and shown_C + SENSOR_OFF_K < thresholds_C(at.hot)[0]:
-            cold = _within(at.cold, cold, (shown_C - SENSOR_OFF_K, shown_C))
-            hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
-            told = replace(self, whole=True)
-        elif liquid and self.whole and self.may_be_liquid:
-            (least, most), solid = self.power, at.cold.solid_level
-            spare = _SPARE * (at.cold.liquid_level - solid)
-            spare += (1 - least / most) * (solid - at.cold.level_at(at.cold.ambient_C))
-            enough = min(self.enough, max(at.cold.level(cold), at.cold.solid_level) + spare)
-            told = replace(self, whole=False, enough=enough)
-        if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
-            cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.cut and not self.melted and self.off_s >= _PAUSE_S:
-            hot = _within(at.hot, hot, (-math.inf, at.cut_C - _PORTION_K))
-        elif liquid and self.mean * self.least <= at.quiet:
-            hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
-        melted = liquid or (self.melted and self.off_s < _SETTLED_S)
-        return replace(told, cold=cold, hot=hot, melted=melted)
+        spread = self.values[:, left].std(axis=1, keepdims=True)
+        away = _SPREAD * spread + _LEAST_SPREAD * (self.high - self.low)
+        moved = away * rng.standard_normal(self.values.shape) * ~self.left
+        values = np.clip(copies.values + moved, self.low, self.high)
+        new = replace(copies, values=values)
+        state = new._model.as_in(copies._model, copies.state)
+        more_s = _METAL_S * rng.standard_normal(len(of)) * ~self.left
+        warm, cool = (new._model.rates(state, current_A) for current_A in (self.full_A, 0.0))
+        heated = zip(state, warm, cool, strict=True)
+        return replace(new, state=tuple(value + more_s * (w - c) for value, w, c in heated))
 
     def _judged(self) -> HeatBelief:
-        """Switch off where metal may be too hot, or must be liquid and is not said to be."""
-        cut = self.at_most_C >= self.corners.cut_C - _COOLED_K * self.cut
-        return replace(self, cut=cut or self.overdue)
+        """Switch off where metal may be too hot, or is that of no healthy segment."""
+        ahead = self._after(self.state, self.full_A, _AHEAD_S)
+        hottest_C = float(self._model.temperature_C(ahead)[self.left].max())
+        hot = hottest_C >= self.cut_C - _COOLED_K * self.cut
+        return replace(self, cut=hot or self.off_K > _DOUBT_K)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
-    heater, model = robot.heater, segment_model(robot, air_C, segment)
-    full_A = heater.melt_current_A
-    ranges = robot.thermal_segment(segment).ranges
-
-    def warms_s(one: SegmentModel) -> float:
-        return _warms_s(one, full_A)
-
-    def melts(one: SegmentModel) -> float:
-        """Time until it is liquid, of a segment that warms by 1 K/s: its slope is measured."""
-        cold = one.initial(one.ambient_C)
-        return one.time_until(cold, full_A, one.liquid_level) * _slope(one, cold, full_A)
-
-    hot, cold = corners(model, ranges, melts)
-    quick_s, slow_s = map(warms_s, corners(model, ranges, warms_s))
-    powers = _power(cold, full_A, slow_s) / _WEAK, _power(cold, full_A, quick_s)
-    hottest = model.initial(heater.temperature_max_C)
-    kept = model.holding_current_A(hottest, _LONG_S) / full_A
-    liquid_C = stiffness_rule(robot, air_C, segment).liquid_above_C
-    off_K = liquid_C + _EVIDENT_K - thresholds_C(hot)[1]
-    at = Corners(
-        cold=cold,
-        hot=hot,
-        hot_needs=_power(hot, full_A, _warms_s(cold, full_A)),
-        powers=powers,
-        quiet=kept**2 * _power(cold, full_A, _warms_s(model, full_A)),
-        full_A=full_A,
-        soft_C=heater.soft_setpoint_C,
-        liquid_C=liquid_C,
-        evident=max(cold.liquid_level, cold.level_at(thresholds_C(cold)[1] + off_K)),
-        cut_C=heater.temperature_max_C,
+    nominal, described = segment_model(robot, air_C, segment), robot.thermal_segment(segment)
+    gain, lags_s = described.sensor_gain_and_lags_s
+    gains = described.ranges.get("sensor_gain", (gain, gain))
+    longest_s = 2 * described.ranges.get("sensor_lag_s", (0.0, max(lags_s)))[1]
+    within = {
+        name: (low - _MELTS_OFF_K, high + _MELTS_OFF_K)
+        if name == "melting_point_C"
+        else (low * (1 - _WIDER), high * (1 + _WIDER))
+        for name, (low, high) in healthy_ranges(nominal, described.ranges).items()
+    }
+    within["ambient_C"] = (air_C - _AIR_OFF_K, air_C + _AIR_OFF_K)
+    ends = [
+        *within.values(),
+        (gains[0] - _GAIN_OFF, gains[1] + _GAIN_OFF),
+        (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
+        _SHARES,
+        (0.0, 1.0),
+    ]
+    low, high = np.array(ends).T[:, :, None]
+    values = low + (high - low) * np.random.default_rng(segment).random((len(ends), COUNT))
+    nowhere = np.zeros(COUNT)
+    drawn = HeatBelief(
+        nominal=nominal,
+        full_A=robot.heater.melt_current_A,
+        cut_C=robot.heater.temperature_max_C - _BEFORE_LIMIT_K,
+        solid_C=thresholds_C(nominal)[0] - _SOLID_K,
+        names=tuple(within),
+        low=low,
+        high=high,
+        values=values,
+        state=(nowhere,),
+        lag_C=np.array([nowhere, nowhere]),
+        worst_K=nowhere,
+        left=nowhere == 0.0,
     )
-    states = cold.initial(start_C), hot.initial(start_C)
-    return HeatBelief(
-        at, *states, (start_C, start_C), start_C, at.evident, least=powers[0], most=powers[1]
-    )
-
-
-_HALVINGS = 40
-_SHORT_S, _LONG_S = 1e-3, 1e4
-
-
-def _slope(model: SegmentModel, state: State, current_A: float) -> float:
-    """Rate of the metal's temperature [K/s]."""
-    after = model.propagate(state, current_A, _SHORT_S)
-    return (model.temperature_C(after) - model.temperature_C(state)) / _SHORT_S
-
-
-def _within(model: SegmentModel, state: State, bounds_C: tuple[float, float]) -> State:
-    """State whose level is within those of two temperatures."""
-    low, high = (b if math.isinf(b) else model.level_at(b) for b in bounds_C)
-    level = min(max(model.level(state), low), high)
-    return state if level == model.level(state) else model.at_level(state, level)
-
-
-def _warms_s(model: SegmentModel, current_A: float) -> float:
-    """Time from the air's temperature to the first melt."""
-    return model.time_until(model.initial(model.ambient_C), current_A, model.solid_level)
-
-
-def _power(model: SegmentModel, full_A: float, warms_s: float) -> float:
-    """Power with which a segment warms so long, as a share of its full power."""
-    low, high = 0.01, 20.0
-    for _ in range(_HALVINGS):
-        power = math.sqrt(low * high)
-        slower = _warms_s(model, math.sqrt(power) * full_A) > warms_s
-        low, high = (power, high) if slower else (low, power)
-    return power
+    return drawn.begun(start_C, start_C)

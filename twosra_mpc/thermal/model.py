@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 State = tuple[float, ...]
+Array = NDArray[np.float64]
 # A number, or one for each of many times: what is asked for many times at once is not asked often.
 Values = TypeVar("Values", float, NDArray[np.float64])
 
