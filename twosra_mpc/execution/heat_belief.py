@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,11 +28,12 @@ _FITS_K, _AS_WELL = 0.35, 1.4  # so far off at most, or so many times as far as 
 _FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
 _RENEWED = 0.4  # share of those left below which the others are replaced
 _SPREAD, _LEAST_SPREAD = 0.5, 0.003  # of the new: of those left, and of the whole range
+_LEARNED, _UNLEARNED = 0.3, 0.05  # of what others are not, the new are not; but near them
 _METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _WIDER = 0.03  # share by which ranges are wider than the robot file's: segments at their ends
-_MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 1.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
+_MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 1.3, 2.0, 0.0  # thermistors and dividers of 1 % parts
 _LAGS, _SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in one of the two
 _START_OFF_K = 3.0  # of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a first reading is believed
@@ -79,6 +79,7 @@ class HeatBelief:
 
     Attributes:
         nominal: The segment as described.
+        model: All segments as one, whose parameters are arrays.
         full_A: Full current.
         cut_C: Temperature of the hottest from which on the heater is off.
         solid_C: Reading below which all metal is solid.
@@ -96,6 +97,7 @@ class HeatBelief:
     """
 
     nominal: Any
+    model: Any
     full_A: float
     cut_C: float
     solid_C: float
@@ -124,7 +126,7 @@ class HeatBelief:
     @property
     def metal_C(self) -> tuple[float, float]:
         """Coldest and hottest metal of those that are left."""
-        metal_C = self._model.temperature_C(self.state)[self.left]
+        metal_C = self.model.temperature_C(self.state)[self.left]
         return float(metal_C.min()), float(metal_C.max())
 
     @property
@@ -151,26 +153,21 @@ class HeatBelief:
     def begun(self, shown_C: float, start_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
         gain, *_ = self._sensor()
-        air_C = self._model.ambient_C
+        air_C = self.model.ambient_C
         metal_C = air_C + (shown_C - air_C) / gain
         if shown_C >= self.solid_C:
             metal_C = start_C + self._rng().uniform(-_START_OFF_K, _START_OFF_K, len(gain))
         each = [self.nominal.initial(one_C) for one_C in metal_C.tolist()]
-        state = self._model.as_in(self.nominal, tuple(map(np.array, zip(*each, strict=True))))
-        touched_C = air_C + gain * (self._model.temperature_C(state) - air_C)
+        state = self.model.as_in(self.nominal, tuple(map(np.array, zip(*each, strict=True))))
+        touched_C = air_C + gain * (self.model.temperature_C(state) - air_C)
         return replace(self, state=state, lag_C=np.array([touched_C, touched_C]))
 
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng(self.taken)
 
-    @cached_property
-    def _model(self) -> Any:
-        """All of them as one model, whose parameters are arrays."""
-        return replace(self.nominal, **dict(zip(self.names, self.values, strict=False)))
-
     @property
     def _liquid(self) -> NDArray[np.bool_]:
-        return np.asarray(self._model.level(self.state) >= self._model.liquid_level)
+        return np.asarray(self.model.level(self.state) >= self.model.liquid_level)
 
     def _sensor(self) -> tuple[Array, Array, Array]:
         """Gains, time constants (2, n), and 1 or 0: whether firmware keeps metal warm."""
@@ -179,9 +176,11 @@ class HeatBelief:
 
     def _warmed(self, heat: Heat) -> HeatBelief:
         """Let time pass for all."""
-        model, state, lag_C = self._model, self.state, self.lag_C
+        model, state, lag_C = self.model, self.state, self.lag_C
         (gain, lags_s, keeps), air_C = self._sensor(), model.ambient_C
-        share = heat.share + heat.unknown * self._rng().uniform(-1.0, 1.0, len(gain))
+        share = np.full(len(gain), heat.share)
+        if heat.unknown:
+            share += heat.unknown * self._rng().uniform(-1.0, 1.0, len(gain))
         share = np.clip(share, 0.0, 1.0) * (keeps if heat.warm else 1.0)
         if not math.isnan(heat.held_C):
             share = np.where(self._liquid, self._holding(heat.held_C), share)
@@ -202,12 +201,12 @@ class HeatBelief:
         self, state: tuple[Array, ...], current_A: Array | float, for_s: Array | float
     ) -> tuple[Array, ...]:
         """Metal after a short time."""
-        rates = self._model.rates(state, current_A)
+        rates = self.model.rates(state, current_A)
         return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
 
     def _holding(self, shown_C: float) -> Array:
         """Shares with which metal goes to where a reading shows it."""
-        model, (gain, *_) = self._model, self._sensor()
+        model, (gain, *_) = self.model, self._sensor()
         here_C = model.temperature_C(self.state)
         cools_C, warms_C = (
             model.temperature_C(self._after(self.state, current_A, 1.0))
@@ -232,23 +231,43 @@ class HeatBelief:
             worst_K=self.worst_K[of],
             left=self.left[of],
         )
-        spread = self.values[:, left].std(axis=1, keepdims=True)
+        known = self.values[:, left]
+        spread = known.std(axis=1, keepdims=True)
         away = _SPREAD * spread + _LEAST_SPREAD * (self.high - self.low)
         moved = away * rng.standard_normal(self.values.shape) * ~self.left
-        values = np.clip(copies.values + moved, self.low, self.high)
-        new = replace(copies, values=values)
-        state = new._model.as_in(copies._model, copies.state)
+        low, high = self.low, self.high
+        if self.off_K <= _FITS_K:
+            about, before = _UNLEARNED * (high - low), 1 - _LEARNED
+            low = np.maximum(
+                low, before * low + _LEARNED * (known.min(axis=1, keepdims=True) - about)
+            )
+            high = np.minimum(
+                high, before * high + _LEARNED * (known.max(axis=1, keepdims=True) + about)
+            )
+        values = np.clip(copies.values + moved, low, high)
+        new = replace(
+            copies,
+            low=low,
+            high=high,
+            values=values,
+            model=_as_one(self.nominal, self.names, values),
+        )
+        state = new.model.as_in(copies.model, copies.state)
         more_s = _METAL_S * rng.standard_normal(len(of)) * ~self.left
-        warm, cool = (new._model.rates(state, current_A) for current_A in (self.full_A, 0.0))
+        warm, cool = (new.model.rates(state, current_A) for current_A in (self.full_A, 0.0))
         heated = zip(state, warm, cool, strict=True)
         return replace(new, state=tuple(value + more_s * (w - c) for value, w, c in heated))
 
     def _judged(self) -> HeatBelief:
         """Switch off where metal may be too hot, or is that of no healthy segment."""
         ahead = self._after(self.state, self.full_A, _AHEAD_S)
-        hottest_C = float(self._model.temperature_C(ahead)[self.left].max())
+        hottest_C = float(self.model.temperature_C(ahead)[self.left].max())
         hot = hottest_C >= self.cut_C - _COOLED_K * self.cut
         return replace(self, cut=hot or self.off_K > _DOUBT_K)
+
+
+def _as_one(nominal: Any, names: tuple[str, ...], values: Array) -> Any:
+    return replace(nominal, **dict(zip(names, values, strict=False)))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
@@ -276,6 +295,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     nowhere = np.zeros(COUNT)
     drawn = HeatBelief(
         nominal=nominal,
+        model=_as_one(nominal, tuple(within), values),
         full_A=robot.heater.melt_current_A,
         cut_C=robot.heater.temperature_max_C - _BEFORE_LIMIT_K,
         solid_C=thresholds_C(nominal)[0] - _SOLID_K,
