@@ -22,13 +22,13 @@ from twosra_mpc.thermal.model import Array, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
 
 COUNT = 600  # of segments: half as many lose the true one in one of a few hundred runs
-UNLIKE_K = 1.5  # off by more is no healthy segment: among so many, one is nearer than 1 K
-_DOUBT_K = 0.9  # off by more, the heater waits
+UNLIKE_K = 1.0  # off by more is no healthy segment: among so many, one is nearer than 1 K
+_DOUBT_K = 0.7  # off by more, the heater waits
 _FITS_K, _AS_WELL = 0.35, 1.4  # so far off at most, or so many times as far as the best, it is left
 _FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
 _RENEWED = 0.4  # share of those left below which the others are replaced
-_SPREAD, _LEAST_SPREAD = 0.5, 0.003  # of the new: of those left, and of the whole range
-_LEARNED, _UNLEARNED = 0.3, 0.05  # of what others are not, the new are not; but near them
+_SPREAD, _LEAST_SPREAD = 0.5, 0.05  # of the new: of those left, and of the margin
+_LEARNED, _UNLEARNED = 0.1, 0.06  # of what others are not, the new are not; but near them
 _METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
@@ -87,6 +87,7 @@ class HeatBelief:
         low: Least values of these; of gain, lag and its share in the first of two; of whether
             firmware keeps metal warm, if rounded, (p, 1).
         high: Largest, (p, 1).
+        margin: By how much the new may always differ from those that are left, (p, 1).
         values: Of each segment, (p, n).
         state: Of its metal, by the model, each (n,).
         lag_C: Of its sensor, (2, n).
@@ -104,6 +105,7 @@ class HeatBelief:
     names: tuple[str, ...]
     low: Array
     high: Array
+    margin: Array
     values: Array
     state: tuple[Array, ...]
     lag_C: Array
@@ -223,9 +225,11 @@ class HeatBelief:
         rng, left, gone = self._rng(), np.flatnonzero(self.left), np.flatnonzero(~self.left)
         of = np.arange(len(self.left))
         of[gone] = rng.choice(left, len(gone))
+        values = self.values[:, of]
         copies = replace(
             self,
-            values=self.values[:, of],
+            model=_as_one(self.nominal, self.names, values),
+            values=values,
             state=tuple(value[of] for value in self.state),
             lag_C=self.lag_C[:, of],
             worst_K=self.worst_K[of],
@@ -233,18 +237,18 @@ class HeatBelief:
         )
         known = self.values[:, left]
         spread = known.std(axis=1, keepdims=True)
-        away = _SPREAD * spread + _LEAST_SPREAD * (self.high - self.low)
+        away = _SPREAD * spread + _LEAST_SPREAD * self.margin
         moved = away * rng.standard_normal(self.values.shape) * ~self.left
         low, high = self.low, self.high
         if self.off_K <= _FITS_K:
-            about, before = _UNLEARNED * (high - low), 1 - _LEARNED
+            before = 1 - _LEARNED
             low = np.maximum(
-                low, before * low + _LEARNED * (known.min(axis=1, keepdims=True) - about)
+                low, before * low + _LEARNED * (known.min(axis=1, keepdims=True) - self.margin)
             )
             high = np.minimum(
-                high, before * high + _LEARNED * (known.max(axis=1, keepdims=True) + about)
+                high, before * high + _LEARNED * (known.max(axis=1, keepdims=True) + self.margin)
             )
-        values = np.clip(copies.values + moved, low, high)
+        values = np.clip(values + moved, low, high)
         new = replace(
             copies,
             low=low,
@@ -302,6 +306,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         names=tuple(within),
         low=low,
         high=high,
+        margin=_UNLEARNED * (high - low),
         values=values,
         state=(nowhere,),
         lag_C=np.array([nowhere, nowhere]),
