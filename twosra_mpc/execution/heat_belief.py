@@ -174,7 +174,7 @@ class HeatBelief:
     def _sensor(self) -> tuple[Array, Array, Array]:
         """Gains, time constants (2, n), and 1 or 0: whether firmware keeps metal warm."""
         gain, lag_s, share, keeps = self.values[len(self.names) :]
-        return gain, np.array([lag_s * share, lag_s * (1 - share) + _EPS]), keeps.round()
+        return gain, np.array([lag_s * share, lag_s * (1 - share)]) + _EPS, keeps.round()
 
     def _warmed(self, heat: Heat) -> HeatBelief:
         """Let time pass for all."""

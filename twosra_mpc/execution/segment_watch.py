@@ -291,13 +291,15 @@ class SegmentWatch:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
         risen_K = here_C - self._begun_s["unlike"][1]
-        if here_C > high_C and self._asked == "rigid" and abs(risen_K) >= _SAME_K:
-            if risen_K > 0.0:
+        if here_C > high_C and abs(risen_K) >= _SAME_K / 2:
+            if risen_K > 0.0 and self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
-            self._raise("cooling", f"{words}: it cools too slowly")
-        self._raise(
-            "sensor", f"{words}: its sensor shows too {'much' if here_C > high_C else 'little'}"
-        )
+            if risen_K > 0.0 and here_C > self._heater.soft_setpoint_C + _HELD_K:
+                self._raise("hot", f"{words}: its heater does not go off")
+            if self._asked == "rigid":
+                self._raise("cooling", f"{words}: it cools too slowly")
+        much = "much" if here_C > high_C else "little"
+        self._raise("sensor", f"{words}: its sensor shows too {much}")
 
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None
