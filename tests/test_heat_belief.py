@@ -58,7 +58,7 @@ def test_what_a_robot_has_shown_is_known_from_melt_to_melt() -> None:
         model = these.model
         return float((model.resistance_ohm / model.heat_solid_J_per_K)[these.left].std())
 
-    assert spread(hot) < spread(belief) / 2
+    assert spread(hot) < 0.6 * spread(belief)
     assert (hot.high - hot.low <= belief.high - belief.low).all()
 
 
