@@ -21,14 +21,14 @@ from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import Array, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
 
-COUNT = 600  # of segments: half as many lose the true one in one of a few hundred runs
-UNLIKE_K = 1.0  # off by more is no healthy segment: among so many, one is nearer than 1 K
+COUNT = 600  # of segments: with fewer, the one most like a true one may be lost
+UNLIKE_K = 1.1  # off by more is no healthy segment: of nearly all, one is nearer than 0.4 K
 _DOUBT_K = 0.7  # off by more, the heater waits
-_FITS_K, _AS_WELL = 0.35, 1.4  # so far off at most, or so many times as far as the best, it is left
+_FITS_K, _AS_WELL = 0.45, 1.4  # so far off at most, or so many times as far as the best, it is left
 _FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
 _RENEWED = 0.4  # share of those left below which the others are replaced
-_SPREAD, _LEAST_SPREAD = 0.5, 0.05  # of the new: of those left, and of the margin
-_LEARNED, _UNLEARNED = 0.1, 0.06  # of what others are not, the new are not; but near them
+_SPREAD, _LEAST_SPREAD = 0.5, 0.03  # of the new: of those left, and of the margin
+_LEARNED, _UNLEARNED = 0.1, 0.1  # of what others are not, the new are not; but near them
 _METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
