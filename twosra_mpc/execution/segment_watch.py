@@ -283,7 +283,7 @@ class SegmentWatch:
         if unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
-        words = f"{here_C:z.1f} C, where healthy ones show {low_C:.0f} to {high_C:.0f} C"
+        words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         if here_C < low_C and self._asked == "soft":
             if here_C < self._stretch.coldest_C + _WARMED_K:
                 words = f"heating does not warm it, {words}"
