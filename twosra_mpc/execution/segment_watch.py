@@ -268,7 +268,7 @@ class SegmentWatch:
         return jumped
 
     def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
-        """A sensor that flickers far more than any, or not at all after it always has."""
+        """A sensor that flickers far more than any."""
         if math.isfinite(pair_C[0]):
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
             self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
