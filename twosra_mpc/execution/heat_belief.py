@@ -28,6 +28,7 @@ _FITS_K, _AS_WELL = 0.45, 1.4  # so far off at most, or so many times as far as 
 _FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
 _RENEWED = 0.4  # share of those left below which the others are replaced
 _SPREAD, _LEAST_SPREAD = 0.5, 0.03  # of the new: of those left, and of the margin
+_NEARER = 1 - math.sqrt(1 - _SPREAD**2)
 _LEARNED, _UNLEARNED = 0.1, 0.1  # of what others are not, the new are not; but near them
 _METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
@@ -248,7 +249,8 @@ class HeatBelief:
             high = np.minimum(
                 high, before * high + _LEARNED * (known.max(axis=1, keepdims=True) + self.margin)
             )
-        values = np.clip(values + moved, low, high)
+        nearer = (values - known.mean(axis=1, keepdims=True)) * ~self.left  # as widely spread
+        values = np.clip(values + moved - _NEARER * nearer, low, high)
         new = replace(
             copies,
             low=low,
