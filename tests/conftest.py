@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -21,8 +22,15 @@ for _ending in ("SIGINT", "SIGHUP", "SIGQUIT"):  # what nohup or a shell's & ign
     if (number := getattr(signal, _ending, None)) and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, signal.default_int_handler if _ending == "SIGINT" else signal.SIG_DFL)
 
-settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50)
 settings.load_profile("repeatable")
+
+
+def pytest_collection_finish() -> None:
+    """Let no search for garbage look again at what was imported and collected."""
+    gc.collect()
+    gc.freeze()
+
 
 Solved: TypeAlias = Callable[..., Result]
 Planned: TypeAlias = Callable[..., Plan]
@@ -62,12 +70,20 @@ def simulated() -> Simulated:
     from twosra_mpc.execution.simulation.simulate import simulate  # OSQP takes a while
 
     @cache
-    def run(
-        scenario: str, seed: int, robot: str = "2sra-v1", level: str = "moderate", **asked: Any
-    ) -> Simulation:
-        return simulate(load_problem(scenario, robot=robot), disturbance=level, seed=seed, **asked)
+    def run(scenario: str, seed: int, robot: str, level: str, executor: str) -> Simulation:
+        problem = load_problem(scenario, robot=robot)
+        return simulate(problem, disturbance=level, seed=seed, executor=executor)
 
-    return run
+    def get(
+        scenario: str,
+        seed: int,
+        robot: str = "2sra-v1",
+        level: str = "moderate",
+        executor: str = "optimal",
+    ) -> Simulation:
+        return run(scenario, seed, robot, level, executor)
+
+    return get
 
 
 @pytest.fixture(scope="session", params=PLANNERS_AND_TIMINGS, ids="-".join)

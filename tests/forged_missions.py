@@ -12,8 +12,7 @@ from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.robot.coordinates import Array, composed, inverse
 
 CAGE_PER_M = (39.9, 39.9)
 CUP_IN_B0 = np.array([0.0, 0.034, 0.0])

@@ -63,8 +63,9 @@ def test_what_a_batch_says() -> None:
 def test_a_change_is_worth_what_neighbours_differ_by() -> None:
     worth = {each.change: each.saved_s for each in atlas(table()).worth}
     current, bend = VARIED
-    assert worth[f"{current} 1 more"] == pytest.approx((6, *[SAVED_PER_A] * 5))
-    assert worth[f"{bend} 1 more"] == pytest.approx((7, *[SAVED_PER_BEND] * 5))
+    assert worth[f"1 more of {current}"] == pytest.approx((6, *[SAVED_PER_A] * 5))
+    assert bend.endswith(".0")
+    assert worth[f"1 more of {bend[:-2]} 1"] == pytest.approx((7, *[SAVED_PER_BEND] * 5))
     assert worth["freezing 1 s shorter"] == pytest.approx((10, 1, 1, 1, 2, 2))
     assert worth["melting 1 s shorter"] == pytest.approx((10, *[1.0] * 5))
 

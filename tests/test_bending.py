@@ -39,7 +39,7 @@ each_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys()
 each_spiral = pytest.mark.parametrize("robot", SPIRALS.values(), ids=SPIRALS.keys())
 each_arc = pytest.mark.parametrize("robot", ARCS.values(), ids=ARCS.keys())
 
-for_all = settings(deadline=None, max_examples=40, derandomize=True)
+for_all = settings(deadline=None, max_examples=25, derandomize=True)
 for_some = settings(deadline=None, max_examples=12, derandomize=True)
 
 

@@ -68,7 +68,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
     problem = random_problem(seed, robot=robot)
     task = bending_task(problem)
     found = 0
-    for sequence in list(sequences())[seed % 2 :: 2]:
+    for sequence in list(sequences())[seed % 3 :: 3]:
         if unreachable_reason(sequence, task):
             continue
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)
@@ -89,7 +89,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
                 found += 1
                 cost = verified(problem, candidate, network).cost
                 assert max(bound.cost, tighter) <= cost.total + 1e-6, sequence
-    assert found >= 2
+    assert found >= 1
 
 
 def test_the_bound_includes_the_time_to_bend() -> None:

@@ -83,7 +83,7 @@ def exact(costs: dict[Path, float], slack: dict[Path, float], depth: int = 3) ->
     return RandomTree(costs, slack, dict(costs), depth)
 
 
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(costs=COSTS)
 def test_tight_bounds_give_the_brute_force_optimum_and_solve_one_leaf(
     costs: dict[Path, float],
@@ -95,7 +95,7 @@ def test_tight_bounds_give_the_brute_force_optimum_and_solve_one_leaf(
     assert len(tree.solved) == result.solved == 1
 
 
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(
     costs=COSTS,
     slack=st.dictionaries(PATHS, st.floats(0.0, 30.0)),
@@ -115,7 +115,7 @@ def test_cost_is_the_optimum_or_within_the_gap_and_the_bound_is_below_the_optimu
         assert result.cost == optimum
 
 
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(
     costs=COSTS,
     slack=st.dictionaries(PATHS, st.floats(0.0, 30.0)),

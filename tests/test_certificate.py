@@ -6,6 +6,7 @@ import copy
 import itertools
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,14 @@ from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import all_modes
-from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.timing import transition_model
 
 SHORTFALL = 5e-4  # of the bound that is reported
 FREE_BENDS = 0.02  # where bends that the goal leaves free must keep units apart: not in the proof
 
 
+@cache
 def proved(problem: Problem) -> tuple[Result, dict[str, Any], float]:
     """A plan, its certificate, and what that proves."""
     result = plan(problem)
@@ -331,4 +333,4 @@ def test_what_has_no_proof_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
             check(random_problem(0), wrong)
     monkeypatch.setattr(installed, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="python-flint"):
-        installed.require_flint()
+        installed.require("--proof", "proof", "python-flint")

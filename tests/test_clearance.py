@@ -256,7 +256,7 @@ def test_a_start_nearer_than_the_clearance_keeps_its_own() -> None:
     start = drawn(made.problem, made.samples.q[:1])[0]
     _, low, right, high = start.bounds
     leaves = made.phases[0].end_s
-    ahead = drawn(made.problem, made.trajectory.configuration(np.linspace(0, leaves, 300)))
+    ahead = drawn(made.problem, made.trajectory.configuration(np.linspace(0, leaves, 100)))
     sides = {  # a wall left, right, below or above of the start, 1 mm from it
         "x_m": [(start.bounds[0] - 0.5, start.bounds[0] - 1e-3), (right + 1e-3, right + 0.5)],
         "y_m": [(low - 0.5, low - 1e-3), (high + 1e-3, high + 0.5)],
@@ -271,7 +271,7 @@ def test_a_start_nearer_than_the_clearance_keeps_its_own() -> None:
             verified = verify(trajectory)
             first_away = int((gaps >= 0.004).argmax()) or len(gaps)
             leaves_well = gaps[:first_away].min() >= gaps[0] - 1e-6
-            stays_away = sampled_m(trajectory, 600) > 0 and gaps[-1] >= 0.004
+            stays_away = sampled_m(trajectory, 200) > 0 and gaps[-1] >= 0.004
             outcomes.append(leaves_well and stays_away)
             assert verified.ok == (leaves_well and stays_away), verified.problems
             if not leaves_well and gaps.min() > 0:

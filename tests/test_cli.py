@@ -302,15 +302,6 @@ def test_a_folder_without_permission_is_refused_before_planning(
     assert_bad_input(run("plan", "rigid-move", "--out", "a.json"), "output = 'a.json'")
 
 
-def test_units_that_would_overlap_are_refused(run: Run, tmp_path: Path) -> None:
-    write(changed(SCENARIO, "goal.kappa_per_m", [60.0, 60.0]), tmp_path / "knot.toml")
-    assert_bad_input(
-        run("plan", "knot.toml"),
-        "goal.kappa_per_m = (60.0, 60.0)",
-        "mm short: units overlap",
-    )
-
-
 # --- infeasible: 3, no plan: 4 -------------------------------------------------------------------
 
 
@@ -325,11 +316,6 @@ def test_a_proof_that_there_is_no_plan_has_its_own_code(
     assert "duration" not in out
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "shared-bend.toml"]
     assert load_plan(tmp_path / "a.json").status == "infeasible"
-
-
-def test_a_file_that_was_asked_for_and_not_written_is_mentioned(run: Run, infeasible: Path) -> None:
-    outcome = run("plan", infeasible, "--csv", "a.csv")
-    assert "a.csv" in outcome.out + outcome.err
 
 
 def test_a_greedy_rule_that_fails_has_no_plan(run: Run, infeasible: Path, tmp_path: Path) -> None:

@@ -36,7 +36,8 @@ from test_occupancy_map import write_map
 from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
-from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc import NoPlanError, Result, cli, load_problem, robot_names, scenario_names
+from twosra_mpc.analysis import passages
 from twosra_mpc.cli import (
     jog_command,
     options,
@@ -76,6 +77,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that start at a scenario plan a quick one, and draw and film little."""
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
+    find = passages.find_passages
+    monkeypatch.setattr(passages, "find_passages", lambda of, _step, *more: find(of, 70.0, *more))
     monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
@@ -150,14 +153,6 @@ def test_fitted_paths_are_json(run: Run) -> None:
     assert len(found["cardioids"]) == 3
 
 
-@pytest.mark.usefixtures("quick")
-def test_compared_models_are_json(run: Run) -> None:
-    found = json.loads(run("compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json").out)
-    for made in found["plans"]:
-        assert made["status"] == "optimal"
-        assert np.abs(made["end_error_under"][made["model"]]).max() < 1e-6
-
-
 def test_simulations_are_json(run: Run) -> None:
     one = json.loads(run("simulate", "rigid-move", "--json", "--seed", 3).out)
     assert (one["format"], one["seed"]) == ("twosra-run", 3)
@@ -223,7 +218,7 @@ def test_the_path_model_asked_for_is_planned_with(run: Run) -> None:
         assert made["scenario"]["gap"] == 0.05
 
 
-@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate", "compare-models"])
+@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
 def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
     known = {opt for param in command(name).params for opt in param.opts}
     assert {"--robot", "--timing", "--gap", "--time-limit"} <= known
@@ -256,7 +251,6 @@ NARROW: list[list[str]] = [
     ["plan", "paper-2", "--timing", "paper"],
     ["plan", "blocked"],
     ["compare", "paper-2", "rigid-move"],
-    ["compare-models", "paper-2", "--robot", "2sra-v1-paper"],
     ["explain", "paper-2"],
     ["simulate", "rigid-move"],
     ["check-robot", "2sra-v1"],
@@ -292,10 +286,6 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
     (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
-    (
-        ["compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json"],
-        "planning under each path model",
-    ),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),
@@ -439,15 +429,21 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
         yield connect_once
 
 
+@pytest.fixture(scope="module")
+def proved(solved: Solved) -> Result:
+    """A plan that carries its proof."""
+    found = solved("shape-change")
+    proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
+    return replace(found, certificate=proof)
+
+
 @pytest.mark.usefixtures("quick", "one_run")
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OWN_TESTS])
 def test_every_example_runs(
-    name: str, run: Run, solved: Solved, connect: Callable[[int], None], tmp_path: Path
+    name: str, run: Run, proved: Result, connect: Callable[[int], None], tmp_path: Path
 ) -> None:
-    found = solved("shape-change")
-    proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
     for target in ("plan.json", "other.json"):
-        replace(found, certificate=proof).save(tmp_path / target)
+        proved.save(tmp_path / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")

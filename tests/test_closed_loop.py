@@ -18,7 +18,7 @@ from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
-from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.robot.path_fitting import with_path_model
 
 RUNS = [("paper-2", 2), ("paper-4", 2), ("paper-1", 4)]
 

@@ -52,7 +52,7 @@ def check_touch(robot: Robot, thing: Object, touch: Touch) -> None:
 
 
 @given(robots, st.floats(0.015, 0.09))
-@settings(max_examples=15)
+@settings(max_examples=7)
 def test_a_disc_is_touched_once_from_each_side_or_named_why_not(
     robot: Robot, radius_m: float
 ) -> None:
@@ -158,7 +158,7 @@ def test_shapes_that_repeat_are_few() -> None:
     st.sampled_from([(1,), (2,), (1, 2)]),
     st.floats(2e-4, 4e-3),
 )
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_segments_lie_along_a_cylinder_or_it_is_said_why_not(
     name: str, radius_m: float, segments: tuple[int, ...], gap_m: float
 ) -> None:

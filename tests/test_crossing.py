@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from twosra_mpc.thermal.crossing import crossing
+from twosra_mpc.thermal.model import crossing
 
 SHAPES: dict[str, Callable[[float], float]] = {
     "line": lambda t: t,
@@ -22,7 +22,7 @@ SHAPES: dict[str, Callable[[float], float]] = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 @given(root=st.floats(0.01, 99.0), side=st.sampled_from([-1.0, 1.0]))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_crossings_are_those_that_brent_finds(shape: str, root: float, side: float) -> None:
     def function(t: float) -> float:
         return side * SHAPES[shape](t - root)

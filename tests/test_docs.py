@@ -7,12 +7,13 @@ import shlex
 import tomllib
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from conftest import Run, Solved
 
-from twosra_mpc import load_problem, load_robot, plan
+from twosra_mpc import Problem, Result, load_problem, load_robot, plan
+from twosra_mpc.cli import options
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
@@ -69,18 +70,29 @@ TITLED = [
 ]
 
 
+@pytest.fixture(scope="module")
+def proved(solved: Solved) -> Result:
+    """A plan that carries its proof."""
+    result, bound = solved("paper-1"), solved("paper-1").require().lower_bound
+    assert bound is not None
+    return replace(result, certificate=Prover(result.problem).certificate(bound))
+
+
 @pytest.fixture
-def folder(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a plan that carries its proof, in which the reader is."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
+    monkeypatch.setattr(options, "load_problem", load_briefly)
     monkeypatch.setattr(statistics, "random_problems", few_problems)
     monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
-    result, bound = solved("paper-1"), solved("paper-1").require().lower_bound
-    assert bound is not None
-    proof = Prover(result.problem).certificate(bound)
-    replace(result, certificate=proof).save(tmp_path / "plan.json")
+    proved.save(tmp_path / "plan.json")
     return tmp_path
+
+
+def load_briefly(asked: str, **overrides: Any) -> Problem:
+    """Load a scenario for which the first good plan will do."""
+    return load_problem(asked, **{"work_limit": 4500.0, **overrides})
 
 
 def few_problems(kept: Kept, _problems: int, _processes: int, tell: Tell) -> Study:

@@ -21,9 +21,8 @@ from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint, kept_m
 from twosra_mpc.space.lattice import lattice
 from twosra_mpc.space.roadmap import roadmap
-from twosra_mpc.space.screws import moved, twists
+from twosra_mpc.space.screws import clear_legs, moved, twists
 from twosra_mpc.space.slices import FreeSlices, certified_slices
-from twosra_mpc.space.sweep import clear_legs
 
 BENT = (30.0, 30.0)
 

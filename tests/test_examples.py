@@ -16,6 +16,8 @@ from pathlib import Path
 import pytest
 
 import twosra_mpc
+from twosra_mpc import Robot, load_robot
+from twosra_mpc.execution import RobotInterface
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -69,6 +71,17 @@ def test_every_public_record_is_built_and_type_checked() -> None:
     returned = {"Explanation", "Kinematics", "PlanCheck", "RobotShape"}
     errors = {"ContradictionError", "NoPlanError", "PlanInterrupted", "TwosraError", "InputWarning"}
     assert classes - names == returned | errors
+
+
+def test_a_driver_may_be_a_subclass_that_sets_its_attributes() -> None:
+    class Driver(RobotInterface):
+        robot: Robot
+
+        def __init__(self, robot: Robot) -> None:
+            self.robot = robot
+
+    robot = load_robot("3sra")
+    assert Driver(robot).robot is robot
 
 
 def test_a_users_type_checker_has_nothing_to_say(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def test_a_seed_is_a_run(simulated: Simulated) -> None:
     assert (first.truth.q == second.truth.q).all()
     assert first.run.events == second.run.events
     assert first.metrics == second.metrics
-    assert simulated("paper-1", 1).metrics != simulated("paper-1", 4).metrics
+    assert simulated("rigid-move", 1).metrics != simulated("rigid-move", 2).metrics
 
 
 # --- events --------------------------------------------------------------------------------------

@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 from conftest import Run
 
-import twosra_mpc.analysis.explanation as explanation_module
+import twosra_mpc.analysis.alternatives as alternatives_module
 import twosra_mpc.cli.comparisons as command
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
+from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
-from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
+from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.analysis.transition_speed import reference_s, slowed
 from twosra_mpc.planning.planner import plan_without
 from twosra_mpc.plans.ending import Ending
@@ -191,7 +192,7 @@ def test_sequences_that_only_melt_more_are_passed_over() -> None:
     problem = load_problem("shape-change", robot="2sra-v1-paper")
     idle = plan_without(problem, frozenset({(RIGID, SOFT_1, RIGID)})).require()
     assert modes_of(idle) == [RIGID, SOFT_1]
-    other = explanation_module._next_best(plan(problem).require())
+    other = alternatives_module.next_best(plan(problem).require())
     assert other.plan is not None
     assert SOFT_2 in modes_of(other.plan) or SOFT_BOTH in modes_of(other.plan)
     assert other.plan.cost.total >= idle.cost.total - 1e-6
@@ -406,7 +407,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(explanation_module, "plan_until_interrupted", interrupted)
+    monkeypatch.setattr(alternatives_module, "plan_until_interrupted", interrupted)
     told = explain(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 

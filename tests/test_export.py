@@ -20,11 +20,11 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from twosra_mpc import InputError, Plan, plotting
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export import foxglove_messages
-from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TABLES, TOPICS, save_mcap
 from twosra_mpc.installation import install_command
+from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 
 Messages = dict[str, list[tuple[float, Any]]]

@@ -19,9 +19,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from twosra_mpc import Plan, Robot, load_robot
 from twosra_mpc.analysis.critical_path import activities, critical_path
-from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.plans.stiffness import soft_and_changing, stiffness_intervals
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,

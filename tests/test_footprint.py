@@ -66,7 +66,7 @@ def material_points(robot: Robot, kappa: Array) -> Array:
 
 
 @given(robots, seeds, st.sampled_from([2e-4, 5e-4, 2e-3]))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_outer_pieces_hold_the_robot(robot: Robot, seed: int, sagitta_m: float) -> None:
     kappa = shape_of(robot, seed)
     made = footprint(robot.geometry, kappa, sagitta_m)
@@ -78,7 +78,7 @@ def test_outer_pieces_hold_the_robot(robot: Robot, seed: int, sagitta_m: float) 
 
 
 @given(robots, seeds, st.sampled_from([2e-4, 5e-4, 2e-3]))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_the_robot_holds_inner_pieces(robot: Robot, seed: int, sagitta_m: float) -> None:
     kappa = shape_of(robot, seed)
     made = footprint(robot.geometry, kappa, sagitta_m)
@@ -126,7 +126,7 @@ def test_what_is_thinner_than_twice_the_shrinking_is_gone() -> None:
 
 
 @given(robots, seeds, seeds)
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_bending_moves_no_point_farther_than_it_says(robot: Robot, one: int, other: int) -> None:
     a, b = shape_of(robot, one), shape_of(robot, other)
     b = a + (b - a) * np.random.default_rng(one + other).choice([1.0, 0.1, 0.01])

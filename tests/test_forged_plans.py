@@ -20,11 +20,10 @@ from problems import at_once
 from test_verification import planned_with
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
-from twosra_mpc.checking import between_samples
-from twosra_mpc.checking.between_samples import between_problems
+from twosra_mpc.checking import reintegration
 from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.checking.reintegration import between, between_problems, reintegrate
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
@@ -34,7 +33,7 @@ from twosra_mpc.problem.tolerances import (
     WHEEL_TOLERANCE_RAD_S,
 )
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
 
 Array = NDArray[np.float64]
@@ -60,7 +59,7 @@ def column(samples: Samples, name: str, segment: int, values: Array) -> Samples:
 def remade(problem: Problem, samples: Samples, segment: int) -> Samples:
     """The samples with what their currents make of a segment."""
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = heated_states(problem, samples, segment, model)
+    states = heated_states(samples, segment, model, problem.temperatures[segment])
     for name, of in (
         ("temperature_C", model.temperature_C),
         ("melt_fraction", model.melt_fraction),
@@ -503,9 +502,9 @@ def test_what_speeds_may_gain_between_samples_is_added_to_their_shares(
 ) -> None:
     """The units are at full speed all the time: any gain is too much, beyond rounding."""
     trajectory = planned("paper-1", robot="2sra-v1-paper").trajectory
-    samples, rates = trajectory.samples, between_samples.share_rates
+    samples, rates = trajectory.samples, reintegration.share_rates
     soft = samples.mode[:-1].any(axis=1)
-    fine, _ = between(samples, np.where(soft, between_samples._CUT, np.inf), least=1)
+    fine, _ = between(samples, np.where(soft, reintegration._CUT, np.inf), least=1)
     moving = fine.mode[:-1].any(axis=1) & fine.moves[:-1]
     longest_s = float(np.diff(fine.t_s)[moving].max())
     for gain, told in ((0.5 * RATE_TOLERANCE, False), (2 * RATE_TOLERANCE, True)):
@@ -514,7 +513,7 @@ def test_what_speeds_may_gain_between_samples_is_added_to_their_shares(
         def known(*given: Any, most: float = rate) -> Any:
             return tuple(sign * np.full_like(rates(*given)[0], most) for sign in (-1, 1))
 
-        monkeypatch.setattr(between_samples, "share_rates", known)
+        monkeypatch.setattr(reintegration, "share_rates", known)
         found = [text for text in between_problems(trajectory) if "unit_speed_m_s" in text]
         assert bool(found) == told
 

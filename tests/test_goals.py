@@ -85,7 +85,7 @@ def test_a_driven_goal_set_is_bounded_by_its_box() -> None:
 coordinate = st.one_of(st.none(), st.floats(-3, 3))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     st.tuples(coordinate, coordinate, coordinate, coordinate, coordinate),
     st.tuples(*[st.floats(0, 1)] * 5),

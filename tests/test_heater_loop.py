@@ -21,13 +21,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
-from twosra_mpc.control.heater_loop import (
-    HeaterRun,
-    Profile,
-    save_run,
-    simulate_heater,
-    stretches,
-)
 from twosra_mpc.control.thermistor import (
     LinearMap,
     NtcDivider,
@@ -35,6 +28,13 @@ from twosra_mpc.control.thermistor import (
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.identification.heater_loop import (
+    HeaterRun,
+    Profile,
+    save_run,
+    simulate_heater,
+    stretches,
+)
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.lumped import Lumped

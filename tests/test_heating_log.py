@@ -147,7 +147,7 @@ def test_air_that_is_no_number_or_hotter_than_a_reading_is_refused(tmp_path: Pat
 
 
 def test_a_file_that_is_missing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a file that can be read"):
+    with pytest.raises(InputError, match="a file that exists"):
         read_heating_log(tmp_path / "none.csv")
 
 

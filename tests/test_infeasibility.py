@@ -17,7 +17,7 @@ from twosra_mpc.planning.planner import plan_without
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.search.infeasibility import impossibility
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model
 from twosra_mpc.timing import transition_model
 
 ROBOT = load_robot("2sra-v1-paper")

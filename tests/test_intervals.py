@@ -11,7 +11,7 @@ from problems import ROBOT
 
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model
 
 
 def every_operation() -> ca.Function:
@@ -38,7 +38,7 @@ def every_operation() -> ca.Function:
 BOX = st.tuples(st.floats(-2.9, 6.0), st.floats(0.0, 3.0))
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(first=BOX, second=BOX, seed=st.integers(0, 2**32 - 1))
 def test_every_value_lies_in_the_enclosure(
     first: tuple[float, float], second: tuple[float, float], seed: int

@@ -17,7 +17,6 @@ from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.serial.firmware_lines import stop_command
 from twosra_mpc.execution.serial.jog import (
     HEATED_S,
     HELD_S,
@@ -28,6 +27,7 @@ from twosra_mpc.execution.serial.jog import (
     ramped,
     wheels_of_twist,
 )
+from twosra_mpc.execution.serial.port import stop_command
 from twosra_mpc.execution.serial.robot import RATE_HZ, STOPS
 from twosra_mpc.execution.settings import Patience
 

@@ -13,9 +13,8 @@ from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
 from twosra_mpc.execution import Ending, Executor, ExecutorSettings, Patience, Run, SimulatedRobot
 from twosra_mpc.execution.executor import tasks_left
 from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.simulation.contact import closest_approach
 from twosra_mpc.execution.simulation.plant import Truth
-from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.execution.simulation.simulate import closest_approach, simulate
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import Obstacle, World

@@ -53,7 +53,7 @@ each_mode = pytest.mark.parametrize("mode", MODES, ids=mode_name)
 each_soft_mode = pytest.mark.parametrize("mode", [SOFT_2, SOFT_1, SOFT_BOTH], ids=mode_name)
 each_unit = pytest.mark.parametrize("unit", [0, 1], ids=["LU1", "LU2"])
 
-for_all = settings(deadline=None, max_examples=40, derandomize=True)
+for_all = settings(deadline=None, max_examples=25, derandomize=True)
 for_some = settings(deadline=None, max_examples=12, derandomize=True)
 
 

@@ -105,7 +105,7 @@ def integrated(
 
 
 @given(MODELS, SHARES, CURRENTS_A, DURATIONS_S)
-@settings(max_examples=150)
+@settings(max_examples=50)
 def test_propagation_solves_the_equation_through_all_regimes(
     model: Lumped, share: float, current_A: float, duration_s: float
 ) -> None:
@@ -167,7 +167,7 @@ def test_more_current_makes_warmer(
 
 
 @given(MODELS, SHARES, CURRENTS_A, st.floats(1.0, 400.0))
-@settings(max_examples=50)
+@settings(max_examples=25)
 def test_heat_in_is_heat_stored_plus_heat_lost(
     model: Lumped, share: float, current_A: float, duration_s: float
 ) -> None:
@@ -310,7 +310,7 @@ def test_full_current_has_no_stable_liquid_equilibrium() -> None:
 
 
 @given(MODELS, SHARES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_many_times_at_once_are_each_time_by_itself(
     model: Lumped, share: float, current_A: float, durations_s: list[float]
 ) -> None:
@@ -325,7 +325,7 @@ def test_many_times_at_once_are_each_time_by_itself(
 
 
 @given(MODELS, SHARES, st.lists(st.tuples(st.floats(0.0, 60.0), CURRENTS_A), min_size=1))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_currents_are_replayed_one_after_the_other(
     model: Lumped, share: float, steps: list[tuple[float, float]]
 ) -> None:

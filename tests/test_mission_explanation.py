@@ -1,4 +1,4 @@
-"""explain_mission(): costs of tasks add up, and every other way was planned."""
+"""explain() of tasks: what they cost adds up, and every other way was planned."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 from conftest import Run
 
-import twosra_mpc.analysis.mission_explanation as module
-from twosra_mpc import InputError, Problem, load_problem, plan
-from twosra_mpc.analysis.explanation import explain
-from twosra_mpc.analysis.mission_explanation import (
-    MissionExplanation,
-    explain_mission,
-    goal_by_goal,
-)
+import twosra_mpc.analysis.alternatives as module
+from twosra_mpc import Explanation, Problem, explain, load_problem, plan
+from twosra_mpc.analysis import goal_by_goal as ways
+from twosra_mpc.analysis.alternatives import Alternative
+from twosra_mpc.analysis.goal_by_goal import GoalByGoal, goal_by_goal
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.tasks import Pass, Reach, in_one_go
 
@@ -37,11 +34,19 @@ def mission(**changes: Any) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def explained() -> MissionExplanation:
-    return explain_mission(mission())
+def explained() -> Explanation:
+    return explain(mission())
 
 
-def test_what_tasks_cost_adds_up_to_the_plan(explained: MissionExplanation) -> None:
+def one_by_one(explained: Explanation) -> list[Alternative]:
+    return [each for each in explained.alternatives if each.change.startswith("goal by goal")]
+
+
+def other_orders(explained: Explanation) -> list[Alternative]:
+    return [each for each in explained.alternatives if each.change.startswith("in the order")]
+
+
+def test_what_tasks_cost_adds_up_to_the_plan(explained: Explanation) -> None:
     made = explained.result.require()
     assert [each.words for each in explained.tasks] == [
         "reach dock",
@@ -57,7 +62,7 @@ def test_what_tasks_cost_adds_up_to_the_plan(explained: MissionExplanation) -> N
     )
 
 
-def test_what_a_task_finds_melted_and_frozen_is_said(explained: MissionExplanation) -> None:
+def test_what_a_task_finds_melted_and_frozen_is_said(explained: Explanation) -> None:
     dock, shelf, home = explained.tasks
     assert explained.shared == (shelf,)
     assert shelf.shape_of == "reach dock"
@@ -66,34 +71,35 @@ def test_what_a_task_finds_melted_and_frozen_is_said(explained: MissionExplanati
     assert "in the shape of reach dock: no melt of its own" in str(explained)
 
 
-def test_one_plan_is_never_longer_than_goal_by_goal(explained: MissionExplanation) -> None:
-    assert explained.quick is not None
-    cold, warm = explained.goal_by_goal
+def test_one_plan_is_never_longer_than_goal_by_goal(explained: Explanation) -> None:
+    cold, warm = one_by_one(explained)
     assert cold.cost is not None
     assert warm.cost is not None
     within = 1 + explained.result.problem.gap
-    assert explained.quick.cost.total <= within * warm.cost
+    assert warm.original.cost.total <= within * warm.cost
     assert warm.cost <= within * cold.cost
+    assert cold.price.startswith("+")
+    assert "in one plan 3" in cold.outcome
 
 
-def test_each_goal_alone_begins_where_the_one_before_ends(explained: MissionExplanation) -> None:
-    for way in explained.goal_by_goal:
-        assert len(way.results) == len(way.tasks) == 3
+def test_each_goal_alone_begins_where_the_one_before_ends(explained: Explanation) -> None:
+    for way in one_by_one(explained):
+        assert len(way.results) == len(explained.tasks) == 3
         for before, after in zip(way.results, way.results[1:], strict=False):
             end = before.require().samples.q[-1]
             np.testing.assert_allclose(after.problem.start.configuration, end)
             warm = max(after.problem.temperatures) > after.problem.ambient + 10
-            assert warm == (way.temperatures == "carried on" and bool(before.require().transitions))
+            assert warm == ("carried on" in way.change and bool(before.require().transitions))
             assert after.problem.start_mode == (0, 0)
 
 
-def test_the_other_order_costs_what_planning_it_does(explained: MissionExplanation) -> None:
-    (other,) = explained.orders
+def test_the_other_order_costs_what_planning_it_does(explained: Explanation) -> None:
+    (other,) = other_orders(explained)
     assert other.change == "in the order reach shelf, reach dock"
-    assert explained.quick is not None
-    turned = explained.quick.problem.with_values(tasks=explained.quick.problem.tasks[::-1])
+    quick = other.original
+    turned = quick.problem.with_values(tasks=quick.problem.tasks[::-1])
     again = plan(turned).require().cost.total
-    assert other.difference_s == pytest.approx(again - explained.quick.cost.total)
+    assert other.difference_s == pytest.approx(again - quick.cost.total)
     assert explained.orders_left == 0
 
 
@@ -101,12 +107,12 @@ def test_where_the_order_was_chosen_the_one_listed_is_another(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     listed = [reach(0.1, (20.0, 0.0), "desk"), reach(-0.1, (0.0, 0.0), "door")]
-    monkeypatch.setattr(module, "_TEMPERATURES", {})
-    found = explain_mission(mission(tasks=listed, order="free", motion="fastest"))
+    monkeypatch.setattr(module, "TEMPERATURES", {})
+    found = explain(mission(tasks=listed, order="free", motion="fastest"))
     assert [each.words for each in found.tasks][:2] == ["reach door", "reach desk"]
     assert found.tasks[0].shape_of == "the start"
     assert found.shared == ()
-    (other,) = found.orders
+    (other,) = found.alternatives
     assert other.change == "in the order reach desk, reach door"
     assert other.difference_s is not None
     assert other.difference_s > 0
@@ -116,24 +122,24 @@ def test_of_many_orders_some_are_planned(monkeypatch: pytest.MonkeyPatch) -> Non
     problem = mission(tasks=[reach(0.1, (0.0, 0.0), name) for name in "abcd"])
     result = plan(problem)
     monkeypatch.setattr(module, "goal_by_goal", lambda *_, **__: pytest.fail("not asked for"))
-    monkeypatch.setattr(module, "_TEMPERATURES", {})
+    monkeypatch.setattr(module, "TEMPERATURES", {})
     told: list[str] = []
-    found = explain_mission(result, on_progress=told.append, most_orders=2)
-    assert (len(found.orders), found.orders_left) == (2, 21)
+    found = explain(result, on_progress=told.append, most_orders=2)
+    assert (len(found.alternatives), found.orders_left) == (2, 21)
     assert len([words for words in told if words.startswith("in the order")]) == 2
 
 
 def test_ctrl_c_keeps_what_is_known(
-    explained: MissionExplanation, monkeypatch: pytest.MonkeyPatch
+    explained: Explanation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = plan(mission(motion="fastest"))
     interrupted = replace(result, ending=Ending.INTERRUPTED)
-    monkeypatch.setattr(module, "plan_until_interrupted", lambda _: interrupted)
-    found = explain_mission(result)
+    monkeypatch.setattr(ways, "plan_until_interrupted", lambda _: interrupted)
+    found = explain(result)
     assert not found.complete
     assert len(found.tasks) == 3
-    assert (found.goal_by_goal, found.orders) == ((), ())
-    assert str(found).endswith("Interrupted: not everything was planned.")
+    assert found.alternatives == ()
+    assert str(found).endswith("Interrupted: not all alternatives were planned.")
 
 
 def test_a_goal_that_cannot_be_reached_alone_ends_the_account() -> None:
@@ -145,17 +151,20 @@ def test_a_goal_that_cannot_be_reached_alone_ends_the_account() -> None:
 
 
 def test_no_plan_has_its_reason() -> None:
-    found = explain_mission(mission(modes=[(0, 0), (1, 0)]))
-    assert (found.tasks, found.goal_by_goal, found.orders, found.quick) == ((), (), (), None)
+    found = explain(mission(modes=[(0, 0), (1, 0)]))
+    assert (found.tasks, found.alternatives, found.orders_left) == ((), (), 0)
     assert found.complete
     assert str(found) == found.result.message
 
 
-def test_each_kind_of_problem_has_its_own_explanation() -> None:
-    with pytest.raises(InputError, match="explain_mission"):
-        explain(mission())
-    with pytest.raises(InputError, match="single goal"):
-        explain_mission(load_problem("paper-1"))
+def test_where_a_goal_cannot_be_reached_alone_that_is_the_outcome(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    trouble = "no plan to reach dock from there: why"
+    broken = GoalByGoal("cold", ("reach dock",), (), trouble)
+    monkeypatch.setattr(module, "goal_by_goal", lambda *_, **__: broken)
+    found = one_by_one(explain(mission(motion="fastest"), most_orders=0))
+    assert [(each.cost, each.price, each.outcome) for each in found] == [(None, "", trouble)] * 2
 
 
 def test_what_is_done_with_an_object_in_hand_stays_together() -> None:
@@ -172,7 +181,7 @@ def test_the_command_prints_it_and_writes_json(run: Run) -> None:
     assert (code, err) == (0, "")
     found = json.loads(out)
     assert [each["words"] for each in found["tasks"]] == ["conform to cylinder"]
-    assert found["goal_by_goal"] == []
+    assert found["alternatives"] == []
     total = sum(each["duration_s"] for each in found["tasks"])
     assert total == pytest.approx(found["plan"]["duration_s"])
     code, out, _ = run("explain", "three-shapes", "--time-limit", "60")
@@ -183,15 +192,15 @@ def test_the_command_prints_it_and_writes_json(run: Run) -> None:
 
 def test_a_cheaper_order_becomes_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the order is free, a dear order is given away for the cheap one among the others."""
-    monkeypatch.setattr(module, "_goals", lambda _: iter(()))  # nothing else is planned
+    monkeypatch.setattr(module, "goals", lambda _: iter(()))  # nothing else is planned
     dear = load_problem("three-shapes", motion="fastest")
     tasks = dear.tasks[::-1]
     found = plan(dear.with_values(tasks=tasks)).require()
     asked = found.problem.with_values(order="free")
     given = replace(found, trajectory=replace(found.trajectory, problem=asked))
-    told = explain_mission(replace(plan(dear), problem=asked, plan=given))
+    told = explain(replace(plan(dear), problem=asked, plan=given))
     made = told.result.require()
     assert made.cost.total < found.cost.total
     assert made.problem.tasks == dear.tasks
     assert made.verification.ok
-    assert all((other.difference_s or 0.0) >= 0.0 for other in told.orders)
+    assert all((other.difference_s or 0.0) >= 0.0 for other in told.alternatives)

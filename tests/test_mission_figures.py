@@ -16,7 +16,6 @@ from forged_missions import CUP_IN_B0, fetched, reshaped, tidied
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
-from matplotlib.text import Text
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -40,8 +39,7 @@ from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.report import report_page
 from twosra_mpc.report.words import scenario_toml, task_rows
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import composed
+from twosra_mpc.robot.coordinates import Array, composed
 
 
 def result(made: Plan) -> Result:
@@ -140,24 +138,6 @@ def test_what_is_carried_sweeps_too() -> None:
     there = object_poses(made.trajectory, np.linspace(grasped_s, carried_s, 100))[:, 0, :2]
     assert np.linalg.norm(there[:, None] - middles, axis=-1).min(axis=1).max() < 0.02
     assert [round(x, 3) for x in drawn_objects(ax)[0].mean(axis=0)] == [0.32, 0.1]
-
-
-def boxes(texts: list[Text]) -> list[Any]:
-    return [text.get_window_extent() for text in texts if text.get_text()]
-
-
-@pytest.mark.parametrize("made", [fetched, reshaped, tidied])
-def test_words_over_the_time_axes_do_not_lie_on_each_other(made: Any) -> None:
-    figure = plot_plan(made())
-    figure.canvas.draw()
-    each = len(stages(made().trajectory))
-    _, *axes = figure.axes[: each + 3]
-    told = [boxes(ax.texts) for ax in axes[each:]]  # tasks, then phases
-    assert len(told[0]) == each
-    assert len(told[1]) == len(made().phases)
-    for some in told:
-        for one, other in itertools.combinations(some, 2):
-            assert not one.overlaps(other)
 
 
 def test_levels_keep_words_off_each_other_and_off_the_lines_of_others() -> None:

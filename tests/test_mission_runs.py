@@ -20,8 +20,7 @@ from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.objects import ACCURACY
-from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.robot.coordinates import POSE, composed, inverse
 from twosra_mpc.space.convex import convex_parts
 
 Array = NDArray[np.float64]
@@ -109,7 +108,7 @@ def found_lost(run: Run) -> float:
     return next(event.time_s for event in run.events if event.kind == "failure")
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_caged_cup_arrives(carried: Plan, planner: Planner, seed: int) -> None:
     found = simulate(carried.problem, plan=carried, disturbance="moderate", seed=seed)
     assert found.metrics.reached

@@ -23,9 +23,9 @@ from twosra_mpc import (
 from twosra_mpc.errors import InputWarning
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.files import locate
+from twosra_mpc.lab.batch.random_set import RandomSet
 from twosra_mpc.problem.goals import Goal
-from twosra_mpc.problem.random_set import RandomSet
-from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.robot.path_fitting import with_path_model
 
 LONGEST = 260  # characters of a message without the list of what is known
 
@@ -89,6 +89,7 @@ EDITS: list[tuple[str, str, tuple[str, ...]]] = [
     ("2sra-v1", "2sra", ("robot = '2sra'", "did you mean 2sra-v1?")),
     ("2sra-v1", "2SRA-V1", ("robot = '2SRA-V1'", "did you mean 2sra-v1?")),
     ("2sra-v1", "robots/mine.toml", ("robots/mine.toml", "taken from the scenario's folder")),
+    ('robot = "2sra-v1"', 'robot = "2sra-v1"\nobstacles = ["wall"]', ("polygon_m, box, disc",)),
     # words for tables, lists and numbers
     ('robot = "2sra-v1"', "robot = 3", ("a built-in name, a path to its file",)),
     ("[goal]\n", '[goal]\nmode = "[1,0]"\n', ("did you mean [1,0], without quotes?",)),
@@ -165,6 +166,8 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("simulate paper-1 --disturbance Hard", ("disturbance", "did you mean hard?", "none, mild")),
     ("simulate paper-1 --plant arcs", ("plant = 'arcs'", "did you mean arc?")),
     ("plan paper-1 --gap 1%", ("'--gap'", "'1%'", "did you mean 0.01?")),
+    ("plan paper-1 --gap -1", ("gap = -1.0", "allowed: greater than or equal to 0")),
+    ("verify none.json", ("file = 'none.json'", "allowed: a file that exists")),
     ("plan paper-1 --gap 0,01", ("'--gap'", "did you mean 0.01?")),
     ("plan paper-1 --time-limit 2min", ("'--time-limit'", "did you mean 120?")),
     ("plan paper-1 --max-phases 2.5", ("'--max-phases'", "Give a whole number.")),
@@ -193,6 +196,11 @@ PYTHON: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     ),
     (lambda: Problem(robot="2sra-v1", start=Start(**HERE)), ("goal is missing",)),
     (lambda: Start(x=0.0, **HERE), ("x = 0.0", "did you mean x_m?")),
+    (lambda: Start(0.0, 0.0, 0.0, (0.0, 0.0)), ("Start(x_m=..., y_m=...,",)),  # type: ignore[misc]
+    (
+        lambda: Problem(robot="2sra-v1", start=Goal(x_m=0.1), goal=Goal(x_m=0.1)),
+        ("this is a Goal, and a Start is meant",),
+    ),
     (lambda: Goal(x_m="0.1"), ("did you mean 0.1, without quotes?",)),
     (lambda: Goal(kappa_per_m=(1.0, "any")), ('did you mean "free"?',)),
     (lambda: disturbance_level("medium"), ("disturbance = 'medium'", "none, mild, moderate")),

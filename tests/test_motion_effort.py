@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from problems import ROBOT, at_once, bound_of, network_of, random_problem
 
 from twosra_mpc import Problem, Result, Robot, load_plan, load_problem, load_robot, plan
+from twosra_mpc.checking.cost import effort_s
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
@@ -39,6 +40,19 @@ SEQUENCES = [(RIGID, SOFT_1, SOFT_BOTH), (RIGID, SOFT_2, SOFT_1), (RIGID, SOFT_B
 
 def weighed(weight: float, name: str = "paper-2", **overrides: object) -> Problem:
     return load_problem(name, weights={"effort": weight}, **overrides)
+
+
+@pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-paper"])
+@pytest.mark.parametrize("name", ["paper-1", "paper-3"])
+def test_effort_is_the_integral_of_the_squares_of_wheel_speeds(name: str, robot: str) -> None:
+    """By Gauss and Legendre's rule, at places that are flown to."""
+    whole = plan(load_problem(name, robot=robot)).require().trajectory
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    begin, lasting = whole.samples.t_s[:-1, None], np.diff(whole.samples.t_s)[:, None]
+    wheels = whole.at((begin + (1 + nodes) / 2 * lasting).ravel()).wheel_rad_s
+    squares = ((wheels / whole.problem.robot.limits.wheel_speed_rad_s) ** 2).sum(axis=1)
+    expected = (squares.reshape(-1, len(nodes)) @ weights / 2) @ lasting.ravel()
+    assert effort_s(whole) == pytest.approx(expected, rel=1e-7)
 
 
 @pytest.mark.parametrize("timing", ["constant", "nominal"])
@@ -129,7 +143,7 @@ def test_no_weight_is_no_change() -> None:
     assert (plain.samples.q == zero.samples.q).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     kappa=st.tuples(st.floats(-40, 40), st.floats(-40, 40)),
     mode=st.sampled_from([SOFT_1, SOFT_2, SOFT_BOTH]),

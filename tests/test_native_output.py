@@ -27,9 +27,8 @@ TWOSRA = [sys.executable, "-m", "twosra_mpc"]
 QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
-    "check-passage": ("doorway --step 60", 0),
+    "check-passage": ("doorway --step 80", 0),
     "compare": ("shape-change", 0),
-    "compare-models": ("shape-change --robot 2sra-v1-paper", 0),
     "batch": ("problems.toml --out runs --workers 1", 0),
     "atlas": ("no-runs", 2),
     "verify": ("plan.json", 0),
@@ -111,8 +110,7 @@ def test_quiet_is_quiet(name: str) -> None:
 NOISY = """
 import ctypes, os, subprocess, sys
 from twosra_mpc import __main__
-from twosra_mpc.cli import robots
-
+from twosra_mpc.cli import descriptions as robots
 def noisy(*given):
     libc = ctypes.CDLL(None)
     libc.puts(b"of a library's buffer")
@@ -193,3 +191,17 @@ _, solver, stopping = multiple_shooting.ipopt(load_robot("2sra-v1"), None, 1, 1,
 solver(x0=-1.0, p=1.0, lbx=-2.0, ubx=-1.0)
 """
     assert ran(sys.executable, "-c", code) == (0, "", "")
+
+
+@pytest.mark.parametrize("module", ["plotting", "lab.figures"])
+def test_figures_are_quiet_where_nothing_can_be_kept(module: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()  # in which there is no folder, whoever asks
+    nowhere = dict.fromkeys(("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"), str(tmp_path / "file"))
+    kept = {name: value for name, value in os.environ.items() if name != "MPLCONFIGDIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", f"import twosra_mpc.{module}"],
+        env={**kept, **nowhere},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -74,7 +74,7 @@ def test_a_task_for_both_segments_together_is_proved_infeasible_in_words(
     assert "allowed modes are [0,0], [1,1]" in result.message
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(problem=thermal_problems(heaters_at_once=1), sequence=SEQUENCES, spans=SPANS_S)
 def test_dwells_of_a_settled_schedule_do_not_overlap_and_keep_its_network(
     problem: Problem, sequence: ModeSequence, spans: list[float]

@@ -14,8 +14,8 @@ from thermal_problems import V1
 from twosra_mpc import InputError, Problem, Robot, Status, check_plan, plan
 from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.control.controller import stiffness_controller
-from twosra_mpc.control.heater_loop import simulate_heater
 from twosra_mpc.control.thermistor import temperature_sensor
+from twosra_mpc.lab.identification.heater_loop import simulate_heater
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.heater import Heater

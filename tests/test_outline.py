@@ -72,7 +72,7 @@ def walked(g: Geometry, q: np.ndarray) -> list[np.ndarray]:
     return [frame(*q[:3]) @ np.linalg.inv(b0) @ one for one in frames]
 
 
-@settings(deadline=None, derandomize=True, max_examples=40)
+@settings(deadline=None, derandomize=True, max_examples=25)
 @given(placed_robots())
 def test_every_part_is_where_a_walk_along_the_fibre_comes_to(
     robot: tuple[Geometry, np.ndarray],

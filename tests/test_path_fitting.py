@@ -14,9 +14,16 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from twosra_mpc import InputError, load_robot
+from twosra_mpc.lab.figures.path_figure import (
+    CURVES,
+    MODES,
+    POSES,
+    held_pose,
+    path_curves,
+    plot_paths,
+)
 from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
-from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
 from twosra_mpc.robot import path_fitting as fitting
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
@@ -31,7 +38,6 @@ from twosra_mpc.robot.path_fitting import (
     fit_cardioids,
     fit_spirals,
     fitted_path_tables,
-    path_curves,
 )
 
 Array = NDArray[np.float64]

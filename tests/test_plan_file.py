@@ -44,8 +44,7 @@ from twosra_mpc import (
 from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.plans.headline import percent
-from twosra_mpc.plans.plan import Cost
+from twosra_mpc.plans.plan import Cost, percent
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.robot.description import Robot, segment_model
@@ -184,17 +183,6 @@ def test_the_cost_is_the_time_and_energy_of_the_samples(any_plan: Plan) -> None:
     assert cost.energy_J == pytest.approx(energy_J(any_plan), rel=1e-5)
     assert cost.transitions == len(any_plan.transitions)
     assert cost.total == pytest.approx(cost.time_s)  # the default weights count seconds
-
-
-def test_energy_and_transitions_count_by_their_weights() -> None:
-    weights = {"energy_s_per_J": 0.1, "transition_s": 7.0}
-    found = plan(load_problem("shape-change", weights=weights)).require()
-    cost = found.cost
-    assert cost.transitions == 2
-    assert cost.energy_J > 100.0
-    assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 7.0 * 2)
-    assert found.lower_bound is not None
-    assert found.lower_bound <= cost.total
 
 
 def test_a_bound_is_never_above_the_cost_it_bounds(any_plan: Plan) -> None:
@@ -521,17 +509,6 @@ def follow(some: Plan, row: int, q: Array, duration_s: float) -> Array:
     return reached
 
 
-def test_following_the_inputs_of_each_sample_gives_the_configurations(any_plan: Plan) -> None:
-    samples = any_plan.samples
-    q = any_plan.problem.start.configuration
-    for i in range(len(samples)):
-        assert np.abs(q - samples.q[i]).max() <= DEFECT, f"sample {i}"
-        if i + 1 < len(samples):
-            span = float(samples.t_s[i + 1] - samples.t_s[i])
-            q = follow(any_plan, i, q, span)
-    assert np.abs(any_plan.problem.goal.error(q)).max() <= DEFECT
-
-
 def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
     t = any_plan.samples.t_s
     assert t[0] == 0.0
@@ -541,13 +518,7 @@ def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
     assert t[-1] == pytest.approx(max(*events, any_plan.phases[-1].end_s), abs=EVENT_S)
 
 
-@pytest.mark.parametrize(
-    "planner",
-    [
-        "optimal",
-        "greedy",
-    ],
-)
+@pytest.mark.parametrize("planner", ["optimal", "greedy"])
 def test_samples_are_further_apart_than_what_counts_as_one_time(
     planned: Planned, planner: str
 ) -> None:
@@ -707,7 +678,7 @@ def test_configurations_at_a_rate_are_continuous(planned: Planned) -> None:
     assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(rate_Hz=st.floats(0.01, 40.0))
 def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
     found = planned("rigid-move")
@@ -716,14 +687,6 @@ def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -
     assert np.abs(points["q"][-1] - samples.q[-1]).max() <= DEFECT
     assert (np.diff(points["t_s"]) > 0).all()
     assert not points["wheel_rad_s"][-1].any()
-
-
-def test_the_rate_reaches_the_file(planned: Planned, tmp_path: Path) -> None:
-    found = planned("rigid-move")
-    save_setpoints(found, tmp_path / "points.csv", 10.0)
-    lines = (tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()
-    assert lines[0] == HEADER
-    assert len(lines) - 1 == len(held(found, 10.0)["t_s"])
 
 
 @pytest.mark.parametrize("rate_Hz", [0.0, -1.0, math.nan, math.inf, -math.inf])

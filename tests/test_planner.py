@@ -392,10 +392,12 @@ def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
 
 def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
     """Parts 0.01 mm apart at the end: legal, and found."""
-    second = 30.0
-    ends = np.linspace(40.0, 60.0, 2_000_001)
-    gaps_m = body_gaps_m(ROBOT, np.column_stack([ends, np.full_like(ends, second)]))
-    first = float(ends[(gaps_m < 1e-5).argmax() - 1]) - 5.0
+    second, apart, closer = 30.0, 40.0, 60.0
+    while closer - apart > 1e-5:
+        middle = (apart + closer) / 2
+        far = body_gaps_m(ROBOT, np.array([[middle, second]]))[0] >= 1e-5
+        apart, closer = (middle, closer) if far else (apart, middle)
+    first = apart - 5.0
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(first, second))
     goal = Goal(kappa_per_m=(first + 5.0, second))
     result = plan(Problem(robot=ROBOT, start=start, goal=goal, modes=[SOFT_1]))

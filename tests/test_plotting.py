@@ -236,7 +236,9 @@ def test_title_tells_sequence_duration_status_and_gap(share: float, told: str) -
 
 
 def test_title_of_a_greedy_plan_claims_no_proof() -> None:
-    assert plan_title(made("paper-1", "greedy")).endswith("greedy, feasible\nno bound proved")
+    assert plan_title(made("paper-1", "greedy")).endswith(
+        "planner greedy, feasible\nno bound proved"
+    )
 
 
 def test_a_plan_without_motion_can_be_drawn() -> None:
@@ -381,7 +383,7 @@ def test_plans_side_by_side_share_one_time_axis_and_are_named() -> None:
     assert titles[0].startswith(
         f"paper-1: [0,0] → [1,0] → [1,1] in {rivals[0].duration_s:.1f} s: opt"
     )
-    assert f"{rivals[1].duration_s:.1f} s: greedy, feasible\nno bound proved" in titles[1]
+    assert f"{rivals[1].duration_s:.1f} s: planner greedy, feasible\nno bound proved" in titles[1]
     assert titles[2].startswith("move: [0,0] in")
     assert len({ax.get_xlim() for ax in figure.axes}) == 1
     for ax, result in zip(figure.axes, [*rivals, made("rigid-move")], strict=True):

@@ -42,7 +42,7 @@ def test_forward_kinematics_and_planner_share_their_ends() -> None:
     for column in np.array(forward_kinematics().axes).reshape(4, len(MODES)).T:
         for ax in column[:3]:
             curves = [line.get_ydata() for line in ax.lines if len(line.get_ydata()) > 2]
-            driven, planned = curves[::2], curves[1::2]
+            planned, driven = curves[::2], curves[1::2]
             for one, other in zip(driven, planned, strict=True):
                 assert one[0] == other[0]
                 assert one[-1] == pytest.approx(other[-1], abs=1e-4)
@@ -51,7 +51,7 @@ def test_forward_kinematics_and_planner_share_their_ends() -> None:
 def test_forward_kinematics_is_even_and_the_planner_is_slow_then_fast() -> None:
     """The claim of the paper's figure."""
     for ax in forward_kinematics().axes[-len(MODES) :]:
-        forward, planner = ax.lines[:2]
+        planner, forward = ax.lines[:2]
         share = forward.get_xdata()
         assert np.abs(forward.get_ydata() - (1.0 - share)).max() < 0.15
         at = np.interp(share, planner.get_xdata(), planner.get_ydata())

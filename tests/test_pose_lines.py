@@ -24,7 +24,7 @@ from twosra_mpc import InputError, Plan, load_robot
 from twosra_mpc.execution import run_log
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.run_log import RunFile, load_run
-from twosra_mpc.execution.serial.firmware_lines import stop_command
+from twosra_mpc.execution.serial.port import stop_command
 from twosra_mpc.execution.serial.pose_lines import LATEST_S, PoseLines, pose_lines
 from twosra_mpc.execution.serial.robot import STOPS, SerialRobot, connected, while_standing
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream

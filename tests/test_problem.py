@@ -8,7 +8,7 @@ import math
 import pickle
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalT
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
-Reader = Callable[[Document, Path], Any]
 
 SCENARIO: Document = {
     "robot": "2sra-v1",
@@ -68,13 +67,13 @@ WHEELS = [
 
 
 def changed(document: Document, key: str, value: object) -> Document:
-    """A copy with the dotted ``key`` set; tables on the way are made."""
+    """A copy with the dotted ``key`` set; tables on the way are made, of a list it is a number."""
     result = copy.deepcopy(document)
     *tables, last = key.split(".")
-    table = result
+    table: Any = result
     for name in tables:
-        table = table.setdefault(name, {})
-    table[last] = value
+        table = table[int(name)] if isinstance(table, list) else table.setdefault(name, {})
+    table[int(last) if isinstance(table, list) else last] = value
     return result
 
 
@@ -172,40 +171,6 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ("timing", 1, "timing", "string"),
     ("goal.phi_modulo", 1, "goal.phi_modulo", "boolean"),
     ("goal.phi_modulo", "true", "goal.phi_modulo", "boolean"),
-    # a boolean or a string is no number
-    ("start.x_m", True, "start.x_m", "number"),
-    ("start.y_m", "0.1", "start.y_m", "number"),
-    ("start.phi_rad", "free", "start.phi_rad", "number"),
-    ("start.phi_rad", [0.1], "start.phi_rad", "number"),
-    ("start.kappa_per_m", [True, 0.0], "start.kappa_per_m.0", "number"),
-    ("start.kappa_per_m", [0.0, "1"], "start.kappa_per_m.1", "number"),
-    ("start.kappa_per_m", ["free", 0.0], "start.kappa_per_m.0", "number"),
-    ("start.temperature_C", [25.0, "warm"], "start.temperature_C.1", "number"),
-    ("goal.x_m", False, "goal.x_m", "number"),
-    ("goal.x_m", "0.4", "goal.x_m", "number"),
-    ("goal.kappa_per_m", [0.0, "Free"], "goal.kappa_per_m.1", "number"),
-    ("goal.tolerance.x_m", True, "goal.tolerance.x_m", "number"),
-    ("weights.transition_s", "10", "weights.transition_s", "number"),
-    ("gap", True, "gap", "number"),
-    ("gap", "0.01", "gap", "number"),
-    ("time_limit_s", "60", "time_limit_s", "number"),
-    ("max_phases", True, "max_phases", "integer"),
-    ("max_phases", "6", "max_phases", "integer"),
-    ("max_phases", 6.0, "max_phases", "integer"),
-    ("goal.mode", [0.0, 0], "goal.mode.0", "integer"),
-    ("goal.mode", [0, True], "goal.mode.1", "integer"),
-    # not finite
-    ("start.x_m", math.nan, "start.x_m", "finite"),
-    ("start.y_m", math.inf, "start.y_m", "finite"),
-    ("start.kappa_per_m", [0.0, math.nan], "start.kappa_per_m.1", "finite"),
-    ("start.temperature_C", [-math.inf, 25.0], "start.temperature_C.0", "finite"),
-    ("goal.y_m", -math.inf, "goal.y_m", "finite"),
-    ("goal.kappa_per_m", [math.nan, 0.0], "goal.kappa_per_m.0", "finite"),
-    ("goal.tolerance.phi_rad", math.nan, "goal.tolerance.phi_rad", "finite"),
-    ("goal.tolerance.kappa_per_m", [0.0, math.inf], "goal.tolerance.kappa_per_m.1", "finite"),
-    ("weights.energy_s_per_J", math.inf, "weights.energy_s_per_J", "finite"),
-    ("gap", math.nan, "gap", "finite"),
-    ("time_limit_s", math.inf, "time_limit_s", "finite"),
     # wrong shape
     ("start.kappa_per_m", 10.0, "start.kappa_per_m", "."),
     ("start.kappa_per_m", [1.0, 2.0, 3.0], "start.kappa_per_m", "2"),
@@ -224,7 +189,6 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ("start.temperature_C", [25.0, 85.1], "start.temperature_C.1", "from 0 to 85 C"),
     ("start.temperature_C", [25.0, 61.0], "start.temperature_C.1", "not exactly the melting point"),
     ("goal.tolerance.y_m", -0.1, "goal.tolerance.y_m", "greater than or equal to 0"),
-    ("goal.tolerance.phi_rad", -0.1, "goal.tolerance.phi_rad", "greater than or equal to 0"),
     (
         "goal.tolerance.kappa_per_m",
         [0.0, -0.1],
@@ -234,7 +198,6 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ("goal.mode", [2, 0], "goal.mode.0", "less than or equal to 1"),
     ("goal.mode", [0, -1], "goal.mode.1", "greater than or equal to 0"),
     ("weights.energy_s_per_J", -1.0, "weights.energy_s_per_J", "greater than or equal to 0"),
-    ("weights.transition_s", -1.0, "weights.transition_s", "greater than or equal to 0"),
     ("gap", -0.01, "gap", "greater than or equal to 0"),
     ("gap", 1.0, "gap", "less than 1"),
     ("max_phases", 0, "max_phases", "greater than or equal to 1"),
@@ -279,27 +242,17 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
     ("timing", 3, "timing", r"^a table of keys \(sets of transition times by name"),
     ("timing", {}, "timing", "at least 1"),
     ("timing.nominal", 3, "timing.nominal", "^a table of keys$"),
-    ("geometry.end_link_m", True, "geometry.end_link_m", "number"),
-    ("geometry.end_link_m", "33 mm", "geometry.end_link_m", "number"),
-    ("path.growth", [0.1, 0.2, "0.3"], "path.growth.2", "number"),
-    ("limits.curvature_per_m", math.inf, "limits.curvature_per_m", "finite"),
-    ("heater.ambient_C", math.nan, "heater.ambient_C", "finite"),
     ("path.scale", [1.0, 2.0, 3.0, 4.0], "path.scale", "3"),
     ("path.scale", 2.0, "path.scale", "."),
     ("limits.curvature_per_m", 78.6, "limits.curvature_per_m", r"at most 78\.54 1/m.*log_spiral"),
     ("geometry.wheel_radius_m", 0.0, "geometry.wheel_radius_m", "greater than 0"),
-    ("limits.wheel_speed_rad_s", -1.0, "limits.wheel_speed_rad_s", "greater than 0"),
     ("path.angle_ratio", [1.5, 1.0, 0.0], "path.angle_ratio.2", "greater than 0"),
     ("timing.constant.superheat_s", 0.0, "timing.constant.superheat_s", "greater than 0"),
     ("geometry.middle_link_m", 1e9, "geometry.middle_link_m", "less than or equal to 100"),
-    ("geometry.unit_offset_m", 1e3, "geometry.unit_offset_m", "less than or equal to 100"),
     ("limits.turn_rate_rad_s", 1e-12, "limits.turn_rate_rad_s", "at least 1e-05"),
     ("timing.constant.melt_s", 1e8, "timing.constant.melt_s", "less than or equal to 1000000"),
     ("limits.unit_gap_m", -0.001, "limits.unit_gap_m", "greater than or equal to 0"),
-    ("limits.wheel_independence", -0.1, "limits.wheel_independence", "greater than or equal to 0"),
     ("geometry.wheels", [{**WHEELS[0], "z_m": 0.0}], "geometry.wheels.0.z_m", "known keys here"),
-    ("geometry.wheels", [{**WHEELS[0], "x_m": "0"}], "geometry.wheels.0.x_m", "number"),
-    ("timing.paper.freeze_s", 0.0, "timing.paper.freeze_s", "greater than 0"),
     ("path", {**ARC, "speed_reference": "hub"}, "path.speed_reference", "'fibre_end' or"),
     ("path", {**ARC, "scale": 1.0}, "path.scale", "known keys here are model, speed_reference"),
     # each temperature above the one before it
@@ -330,12 +283,6 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
         "timing.paper.reconfigure_cool_s",
         r"less than reconfigure_s \(502 s\)",
     ),
-    (
-        "timing.paper.reconfigure_cool_s",
-        502.5,
-        "timing.paper.reconfigure_cool_s",
-        r"less than reconfigure_s \(502 s\)",
-    ),
 ]
 ROBOT_MISSING = [
     *("name", "geometry", "path", "limits", "heater", "timing"),
@@ -354,59 +301,80 @@ def reported(value: object, key: str, field: str) -> object:
     return value
 
 
-SOURCES = ["toml", "json", "python"]
+Reads = Callable[[str, Document], tuple[Callable[[], object], str | None]]
+BUILT: dict[str, tuple[Callable[..., object], Callable[[Path], object]]] = {
+    "scenario": (Problem, load_problem),
+    "robot": (Robot, load_robot),
+}
 
 
-@pytest.mark.parametrize("kind", SOURCES)
+@pytest.fixture(params=["toml", "json", "python"])
+def reads(request: pytest.FixtureRequest, tmp_path: Path) -> Reads:
+    """What makes a scenario or robot of a document, and the source that its errors name."""
+
+    def prepared(what: str, document: Document) -> tuple[Callable[[], object], str | None]:
+        build, load = BUILT[what]
+        if request.param == "python":
+            return lambda: build(**document), None
+        path = write(document, tmp_path / f"{what}.{request.param}")
+        return lambda: load(path), str(path)
+
+    return prepared
+
+
 @pytest.mark.parametrize(("key", "value", "field", "allowed"), SCENARIO_MISTAKES)
 def test_a_mistake_in_a_scenario_is_named(
-    key: str, value: object, field: str, allowed: str, kind: str, tmp_path: Path
+    key: str, value: object, field: str, allowed: str, reads: Reads
 ) -> None:
-    document = changed(SCENARIO, key, value)
-    shown = reported(value, key, field)
-    if kind == "python":
-        assert_refused(lambda: Problem(**document), field, shown, allowed, None)
-    else:
-        path = write(document, tmp_path / f"scenario.{kind}")
-        assert_refused(lambda: load_problem(path), field, shown, allowed, str(path))
+    make, source = reads("scenario", changed(SCENARIO, key, value))
+    assert_refused(make, field, reported(value, key, field), allowed, source)
 
 
-@pytest.mark.parametrize("kind", SOURCES)
 @pytest.mark.parametrize(("key", "value", "field", "allowed"), ROBOT_MISTAKES)
 def test_a_mistake_in_a_robot_is_named(
-    key: str, value: object, field: str, allowed: str, kind: str, tmp_path: Path
+    key: str, value: object, field: str, allowed: str, reads: Reads
 ) -> None:
-    document = changed(ROBOT, key, value)
     shown = reported(value, key, field)
     if field != key and field.startswith("heater."):  # the neighbour that no longer fits
         shown = ROBOT["heater"][field.removeprefix("heater.")]
-    if kind == "python":
-        assert_refused(lambda: Robot(**document), field, shown, allowed, None)
-    else:
-        path = write(document, tmp_path / f"robot.{kind}")
-        assert_refused(lambda: load_robot(path), field, shown, allowed, str(path))
+    make, source = reads("robot", changed(ROBOT, key, value))
+    assert_refused(make, field, shown, allowed, source)
 
 
-@pytest.mark.parametrize("kind", SOURCES)
-@pytest.mark.parametrize("key", SCENARIO_MISSING)
-def test_a_key_missing_from_a_scenario_is_named(key: str, kind: str, tmp_path: Path) -> None:
-    document = without(SCENARIO, key)
-    if kind == "python":
-        assert_refused(lambda: Problem(**document), key, "missing", REQUIRED, None)
-    else:
-        path = write(document, tmp_path / f"scenario.{kind}")
-        assert_refused(lambda: load_problem(path), key, "missing", REQUIRED, str(path))
+@pytest.mark.parametrize(
+    ("what", "document", "key"),
+    [
+        *(("scenario", SCENARIO, key) for key in SCENARIO_MISSING),
+        *(("robot", ROBOT, key) for key in ROBOT_MISSING),
+    ],
+)
+def test_a_missing_key_is_named(what: str, document: Document, key: str, reads: Reads) -> None:
+    make, source = reads(what, without(document, key))
+    assert_refused(make, key, "missing", REQUIRED, source)
 
 
-@pytest.mark.parametrize("kind", SOURCES)
-@pytest.mark.parametrize("key", ROBOT_MISSING)
-def test_a_key_missing_from_a_robot_is_named(key: str, kind: str, tmp_path: Path) -> None:
-    document = without(ROBOT, key)
-    if kind == "python":
-        assert_refused(lambda: Robot(**document), key, "missing", REQUIRED, None)
-    else:
-        path = write(document, tmp_path / f"robot.{kind}")
-        assert_refused(lambda: load_robot(path), key, "missing", REQUIRED, str(path))
+def numbers(document: object, key: str = "") -> Iterator[str]:
+    """The dotted key of every number of a document."""
+    if isinstance(document, dict | list):
+        inner = document.items() if isinstance(document, dict) else enumerate(document)
+        for name, value in inner:
+            yield from numbers(value, f"{key}.{name}".strip("."))
+    elif isinstance(document, int | float) and not isinstance(document, bool):
+        yield key
+
+
+@pytest.mark.parametrize("what", BUILT)
+def test_every_number_is_one_and_finite(what: str) -> None:
+    """A boolean or a string is no number, wherever it stands."""
+    document = Problem(**SCENARIO).scenario() if what == "scenario" else ROBOT
+    for key in numbers(document):
+        for value in (True, "0.1", "Free", [0.1], math.nan, math.inf, -math.inf):
+            wrong = changed(document, key, value)
+            (error,) = problems_of(refusal(lambda wrong=wrong: BUILT[what][0](**wrong)))
+            assert error.field == key
+            assert repr(listed(error.value)) == repr(value)
+            allowed = "finite|positive|integer" if isinstance(value, float) else "number|integer"
+            assert re.search(allowed, error.allowed), error
 
 
 @pytest.mark.parametrize(("key", "value", "fields"), TOO_SHORT)
@@ -667,6 +635,8 @@ def test_json_and_toml_and_python_mean_the_same(tmp_path: Path) -> None:
     expected = Problem(**SCENARIO)
     assert load_problem(write(SCENARIO, tmp_path / "a.toml")) == expected
     assert load_problem(write(SCENARIO, tmp_path / "a.json")) == expected
+    assert hash(Problem(**SCENARIO)) == hash(expected)
+    assert expected != Problem(**SCENARIO, gap=0.5)
     robot = Robot(**ROBOT)
     assert load_robot(write(ROBOT, tmp_path / "r.json")) == robot == load_robot("2sra-v1-paper")
     assert hash(robot) == hash(load_robot("2sra-v1-paper"))
@@ -765,7 +735,7 @@ def test_numpy_numbers_and_arrays_are_accepted_and_become_plain() -> None:
         robot=load_robot("2sra-v1"),
         start=start,
         goal=Goal(**goal),
-        max_phases=4,
+        max_phases=np.int64(4),
         gap=np.float64(0.25),
         modes=np.array([[0, 0], [1, 1]]),
     )
@@ -775,10 +745,6 @@ def test_numpy_numbers_and_arrays_are_accepted_and_become_plain() -> None:
     assert type(problem.modes[1][0]) is int
     assert Start(**{**start, "x_m": np.float32(0.5)}).x_m == 0.5
     assert Start(**{**start, "x_m": np.int64(1)}).x_m == 1.0
-
-
-def test_numpy_integers_count_phases() -> None:
-    assert Problem(**SCENARIO, max_phases=np.int64(4)).max_phases == 4
 
 
 def test_values_cannot_be_changed() -> None:
@@ -818,12 +784,6 @@ def test_the_transition_times_of_a_robot_cannot_be_changed() -> None:
     with pytest.raises(TypeError):
         robot.timing["mine"] = robot.timing["paper"]
     assert hash(robot) == before
-
-
-def test_equal_problems_have_equal_hashes() -> None:
-    assert load_problem("paper-1") == load_problem("paper-1")
-    assert hash(load_problem("paper-1")) == hash(load_problem("paper-1"))
-    assert load_problem("paper-1") != load_problem("paper-2")
 
 
 @pytest.mark.parametrize(

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Planned, Run
+from twosra_mpc.export.authors_csv import save_authors_csv
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import LEAST_BEND_RAD, PhaseReplay, replay
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.robot.path_fitting import with_path_model
 
 ROBOT = load_robot("2sra-v1")
 TRIAL = "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"

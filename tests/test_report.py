@@ -28,7 +28,7 @@ from twosra_mpc import (
     load_plan,
     load_problem,
 )
-from twosra_mpc.plans.headline import percent
+from twosra_mpc.plans.plan import percent
 from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape
@@ -37,7 +37,7 @@ from twosra_mpc.report import Origin, player, report_page, words, write_report
 from twosra_mpc.report import page as page_module
 from twosra_mpc.report.lanes import MOST_ROWS, Thermometer, lanes, setpoint_table, ticks
 from twosra_mpc.report.words import scenario_toml
-from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.robot.path_fitting import with_path_model
 
 HOSTILE = (
     "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"

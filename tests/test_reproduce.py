@@ -140,10 +140,6 @@ def test_other_settings_code_or_spoilt_files_compute_it_anew(
     assert computed(a=2)
 
 
-def test_code_and_data_of_the_package_count() -> None:
-    assert len(kept.package_digest()) == 64
-
-
 def test_a_claim_whose_plan_was_not_found_is_undecided_and_says_why(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -13,8 +13,7 @@ import pytest
 from conftest import Planned, Run, Solved
 
 from twosra_mpc import InputError, Result, load_plan, load_problem, plan
-from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import check_plan, refined
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 
@@ -104,7 +103,7 @@ def test_json_stays_a_plan(run: Run, tmp_path: Path, planned: Planned) -> None:
         (["plan.json", "a.csv", "--rate", "fast"], ["--rate", "fast"]),
         (["plan.json", "a.txt", "--rate", "1"], ["output = 'a.txt'", ".csv or .json"]),
         (["plan.json", "no/a.csv", "--rate", "1"], ["output = 'no/a.csv'", "folder"]),
-        (["plam.json", "a.csv", "--rate", "1"], ["plam.json", "No such file"]),
+        (["plam.json", "a.csv", "--rate", "1"], ["plam.json", "a file that exists"]),
     ],
 )
 def test_bad_input_is_named_and_nothing_is_written(

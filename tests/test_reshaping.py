@@ -13,7 +13,8 @@ from test_explanation import alternative
 from worlds import corridor, random_world
 
 from twosra_mpc import Problem, Status, load_problem, plan
-from twosra_mpc.analysis.explanation import FARTHER_M, Explanation, explain
+from twosra_mpc.analysis.alternatives import FARTHER_M
+from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.analysis.reshaping import Reshaping, reshaping
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.world import World
@@ -194,4 +195,4 @@ def test_room_is_there_where_obstacles_are_far_and_none_where_they_are_near() ->
 def test_without_obstacles_nothing_is_added(run: Run) -> None:
     code, out, _ = run("explain", "rigid-move", "--time-limit", "1", "--json")
     assert code == 0
-    assert "reshaping" not in json.loads(out)
+    assert json.loads(out)["reshaping"] is None

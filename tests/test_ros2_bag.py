@@ -204,6 +204,6 @@ def test_the_command_writes_a_bag(run: Run, tmp_path: Path) -> None:
 def test_without_the_extra_it_says_what_to_install(
     planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
+    monkeypatch.setitem(sys.modules, "mcap_ros2", None)
     with pytest.raises(InputError, match="mcap-ros2-support"):
         save_ros2_bag(planned("paper-1"), tmp_path / "bag.mcap")

@@ -40,7 +40,7 @@ def corners(kappa: tuple[float, float], segment: int) -> np.ndarray:
     return np.array([end + side * d * x_axis + h * y_axis for d in out for h in (-half, half)])
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(kappa=KAPPA)
 def test_units_are_apart_exactly_when_a_line_separates_their_corners(
     kappa: tuple[float, float],
@@ -55,7 +55,7 @@ def test_units_are_apart_exactly_when_a_line_separates_their_corners(
     assert shape_margins(ROBOT, kappa)["unit_gap_m"][0] == pytest.approx(best, abs=1e-7)
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(kappa=KAPPA)
 def test_the_independence_margin_is_below_the_smallest_singular_value(
     kappa: tuple[float, float],

@@ -109,7 +109,7 @@ def test_a_robot_that_arrived_unseen_has_a_code_of_its_own(
 def test_the_greedy_rule_can_be_run(run: Run) -> None:
     code, out, _ = run("rigid-move", "--robot", ARC, "--executor", "greedy")
     assert code == 0
-    assert "greedy, moderate" in out
+    assert "executor greedy, disturbance moderate" in out
 
 
 def test_nothing_is_run_without_a_plan(run: Run, tmp_path: Path) -> None:

@@ -14,14 +14,13 @@ import pytest
 
 from twosra_mpc import load_robot
 from twosra_mpc.errors import TwosraError
-from twosra_mpc.execution import stopping
-from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.stopping import stopped_after
+from twosra_mpc.execution import robot_interface
+from twosra_mpc.execution.robot_interface import RobotError, stopped_after
 from twosra_mpc.interrupts import Interrupts
 
 ROBOT = load_robot("2sra-v1")
 BURST = 3  # signals at one place
-WHOLLY = ("stopping.py", "test_stopping.py")  # every opcode; elsewhere every line, once
+WHOLLY = ("robot_interface.py", "test_stopping.py")  # every opcode; elsewhere every line, once
 BY_LINE = ("interrupts.py", "contextlib.py")
 
 
@@ -128,13 +127,13 @@ def test_signals_between_any_two_opcodes_leave_the_robot_off(
 def test_the_first_signal_interrupts_the_drive_and_the_next_does_not_disturb_the_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    line, stop = Line(), stopping._stop
+    line, stop = Line(), robot_interface._stop
 
     def disturbed_stop(robot: Any) -> Exception | None:
         strike()
         return stop(robot)
 
-    monkeypatch.setattr(stopping, "_stop", disturbed_stop)
+    monkeypatch.setattr(robot_interface, "_stop", disturbed_stop)
 
     def drive(_: Interrupts) -> None:
         line.send(np.ones(4), np.full(2, 65.0))

@@ -21,8 +21,14 @@ from conftest import Planned, Run, Solved
 from test_forged_plans import as_file, kept_warm
 
 from twosra_mpc.execution.serial import port as port_module
-from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
-from twosra_mpc.execution.serial.port import PortError, SerialPort
+from twosra_mpc.execution.serial.port import (
+    PortError,
+    Report,
+    SerialPort,
+    command,
+    parse_report,
+    stop_command,
+)
 from twosra_mpc.execution.serial.robot import STOPS
 from twosra_mpc.execution.serial.stream import StreamError, stream
 from twosra_mpc.execution.settings import Patience

@@ -23,7 +23,7 @@ from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object, read_outline
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task, Visitor
 from twosra_mpc.problem.world import area_m2
-from twosra_mpc.robot.poses import composed, inverse, wrapped
+from twosra_mpc.robot.coordinates import composed, inverse, wrapped
 from twosra_mpc.schema import json_schema
 
 START = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
@@ -278,7 +278,7 @@ OBJECT_MISTAKES: dict[str, tuple[dict[str, Any], str, str]] = {
     "an outline that is not there": (
         {"disc": None, "outline": "nowhere.csv"},
         "objects.0",
-        "a file that can be read",
+        "a file that exists",
     ),
     "a negative friction": ({"friction": -0.1}, "objects.0.friction", "greater than or equal to 0"),
     "the name of another": ({"name": "box"}, "objects.1.name", "a name that nothing else has"),

@@ -264,7 +264,7 @@ def test_what_was_tampered_with_is_named(case: Case, how: str) -> None:
     assert_found(tamper(case), *words)
 
 
-@settings(max_examples=80)
+@settings(max_examples=30)
 @given(
     i=st.integers(0, 3),
     name=st.sampled_from(["heater_s", "onset_s", "done_s"]),

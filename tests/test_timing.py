@@ -77,7 +77,7 @@ def test_a_drive_shorter_than_the_heating_lead_costs_nothing() -> None:
     assert finish == pytest.approx([299.0, 299.0, 303.0])
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(
     sequence=SEQUENCES,
     durations=DURATIONS,
@@ -102,7 +102,7 @@ def test_a_schedule_respects_every_constraint_and_is_the_longest_path(
     assert times[network.layout.finish] == pytest.approx(longest[network.layout.finish], abs=1e-6)
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(deadline=None, derandomize=True, max_examples=50)
 @given(sequence=SEQUENCES, durations=DURATIONS)
 def test_transitions_alternate_and_nothing_moves_on_a_plateau(
     sequence: ModeSequence, durations: list[float]

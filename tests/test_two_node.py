@@ -59,7 +59,7 @@ def heating(model: TwoNode, current_A: float) -> float:
 
 
 @given(MODELS, STATES, CURRENTS_A, DURATIONS_S)
-@settings(max_examples=150)
+@settings(max_examples=50)
 def test_propagation_solves_the_equation(
     model: TwoNode, state: tuple[float, float], current_A: float, duration_s: float
 ) -> None:
@@ -255,7 +255,7 @@ def test_the_sensor_of_a_segment_shows_liquid_when_its_model_is() -> None:
 
 
 @given(MODELS, STATES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_many_times_at_once_are_each_time_by_itself(
     model: TwoNode, state: tuple[float, float], current_A: float, durations_s: list[float]
 ) -> None:

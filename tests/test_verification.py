@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -705,7 +704,7 @@ def test_no_change_of_motion_goes_unnoticed(
     assert not case.set(name, i, column, before + sign * by).check().ok
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     i=st.integers(0, 3),
     name=st.sampled_from(["heater_s", "onset_s", "done_s"]),
@@ -860,26 +859,11 @@ def test_heaters_left_on_at_the_end_are_found(case: Case) -> None:
 
 
 @all_timings
+@pytest.mark.parametrize("name", ["q", "v"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_configurations_that_are_not_finite_are_found(case: Case, value: float) -> None:
-    spoilt = case.set("q", case.first_moving(soft=True), 0, value)
-    assert_found(spoilt, "samples.q has a value that is not finite")
-
-
-@nominal_only
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_inputs_that_are_not_finite_are_found(case: Case, value: float) -> None:
-    def give_up(*_: object) -> None:
-        raise TimeoutError
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.setitimer(signal.ITIMER_REAL, 1.0)
-    try:
-        spoilt = case.set("v", case.first_moving(soft=True), 0, value)
-        assert_found(spoilt, NOT_FINITE.format("v"))
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+def test_motions_that_are_not_finite_are_found(case: Case, name: str, value: float) -> None:
+    spoilt = case.set(name, case.first_moving(soft=True), 0, value)
+    assert_found(spoilt, NOT_FINITE.format(name))
 
 
 @nominal_only

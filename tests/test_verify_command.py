@@ -337,5 +337,5 @@ def test_what_is_no_plan_file_is_bad_input(run: Run, text: str, words: str, tmp_
 def test_a_missing_file_is_bad_input(run: Run) -> None:
     code, out, err = run("plan.json")
     assert (code, out) == (2, "")
-    assert "No such file" in err
+    assert "a file that exists" in err
     assert run().code == 2

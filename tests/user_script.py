@@ -1,9 +1,11 @@
 """A user's script that builds every public record; read by mypy --strict, never run."""
 
+import time
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc import (
     Box,
@@ -107,6 +109,9 @@ mission = Problem(
 )
 
 
+Array = NDArray[np.float64]
+
+
 def told(progress: Progress) -> None:
     print(progress.lower_bound)
 
@@ -136,9 +141,47 @@ def run(driver: RobotInterface) -> Run:
     return Executor(driver, settings=ExecutorSettings(patience=Patience())).run(made)
 
 
+class Declared(RobotInterface):
+    robot: Robot
+    camera: Camera
+
+    def __init__(self, made: Robot) -> None:
+        self.robot, self.camera = made, Camera()
+
+    def read(self) -> Reading:
+        return reading
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: NDArray[np.float64]) -> None:
+        print(wheel_rad_s, heater_setpoint_C)
+
+    def wait(self, at_most_s: float) -> None:
+        time.sleep(at_most_s)
+
+
+class Told(RobotInterface):
+    @property
+    def robot(self) -> Robot:
+        return load_robot("2sra-v1")
+
+    @property
+    def camera(self) -> Camera:
+        return Camera()
+
+    def read(self) -> Reading:
+        return reading
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: NDArray[np.float64]) -> None:
+        print(wheel_rad_s, heater_setpoint_C)
+
+    def wait(self, at_most_s: float) -> None:
+        time.sleep(at_most_s)
+
+
 known: tuple[KnownStiffness, KnownStiffness] = ("soft", "changing")
 none = np.zeros((0, 5))
 reading = Reading(0.0, np.zeros(0), none, (25.0, 25.0), known, (False, False))
+for driver in (Declared(robot), Told()):
+    run(driver)
 run(SimulatedRobot(problem, "none", seed=1))
 print(Disturbance())
 simulate(problem, disturbance="mild", seed=1)

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from twosra_mpc.analysis.explanation import Explanation, explain
-    from twosra_mpc.analysis.model_comparison import compare_models
-    from twosra_mpc.checking.plan_file import PlanCheck, check_plan, load_plan
-    from twosra_mpc.checking.resampling import refined
+    from twosra_mpc.checking.plan_file import PlanCheck, check_plan, load_plan, refined
     from twosra_mpc.errors import (
         ContradictionError,
         InputError,
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
         PlanInterrupted,
         TwosraError,
     )
+    from twosra_mpc.installation import __version__
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import plan
@@ -40,16 +39,13 @@ if TYPE_CHECKING:
     from twosra_mpc.problem.world import Box, Disc, Obstacle, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
-    from twosra_mpc.robot.path_choice import with_path_model
+    from twosra_mpc.robot.path_fitting import with_path_model
     from twosra_mpc.schema import json_schema
-    from twosra_mpc.version import __version__
 
 # Module -> its public names, imported when they are first asked for: solvers take a second to load.
 _PUBLIC = {
     "analysis.explanation": ("Explanation", "explain"),
-    "analysis.model_comparison": ("compare_models",),
-    "checking.plan_file": ("PlanCheck", "check_plan", "load_plan"),
-    "checking.resampling": ("refined",),
+    "checking.plan_file": ("PlanCheck", "check_plan", "load_plan", "refined"),
     "errors": (
         "ContradictionError",
         "InputError",
@@ -74,9 +70,9 @@ _PUBLIC = {
     "problem.world": ("Box", "Disc", "Obstacle", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
-    "robot.path_choice": ("with_path_model",),
+    "robot.path_fitting": ("with_path_model",),
     "schema": ("json_schema",),
-    "version": ("__version__",),
+    "installation": ("__version__",),
 }
 _MODULES = {name: module for module, names in _PUBLIC.items() for name in names}
 
@@ -120,7 +116,6 @@ __all__ = [
     "World",
     "__version__",
     "check_plan",
-    "compare_models",
     "explain",
     "json_schema",
     "kinematics",

@@ -70,7 +70,7 @@ class InputError(TwosraError, ValueError):
         name, allowed = printable(self.field), printable(self.allowed)
         if isinstance(self.value, Missing):
             return f"{name} is missing: {allowed}"
-        shown = printable(_SHORT.repr(self.value), _VALUE)
+        shown = printable(_SHORT.repr(self.value).replace("\n", ""), _VALUE)
         hint = f"{printable(self.hint)} " if self.hint else ""
         return f"{name} = {shown} is not acceptable; {hint}allowed: {allowed}"
 

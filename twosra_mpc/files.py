@@ -92,7 +92,8 @@ def read_bytes(path: Path, source: str) -> bytes:
         named = not path.exists() and source in built_in_names("scenarios")
         hint = f'"twosra plan {source} --out plan.json" writes its plan.' if named else ""
         reason = getattr(error, "strerror", None) or error
-        allowed = f"a file that can be read ({reason})"
+        exists = os.path.exists(path)
+        allowed = f"a file that can be read ({reason})" if exists else "a file that exists"
         raise InputError("file", source, allowed, hint=hint) from error
     if len(data) > MOST_SIGNS:
         raise InputError("file", source, f"at most {MOST_SIGNS} characters")

@@ -1,4 +1,4 @@
-"""Where this package was installed from, and how to add an extra to it from there."""
+"""The package's version, where it was installed from, and how to add an extra from there."""
 
 from __future__ import annotations
 
@@ -7,9 +7,15 @@ import shlex
 from importlib.util import find_spec
 from typing import Any
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import MISSING, InputError
 
+__version__ = "0.1.0"  # written here, and read by what builds the package
 DISTRIBUTION = "twosra-mpc"
+BATCH = ("distributed", "pandas", "pyarrow")  # packages that it needs
+_MODULES = {  # package -> its module, where that is called otherwise
+    **{"foxglove-sdk": "foxglove", "mcap-ros2-support": "mcap_ros2", "pyserial": "serial"},
+    **{"python-flint": "flint", "scikit-image": "skimage"},
+}
 
 
 def install_command(extra: str) -> str:
@@ -44,41 +50,19 @@ def _source(direct_url: str | None, extra: str) -> str:
     return shlex.quote(f"{named} @ {url}")
 
 
-def require_flint() -> None:
-    """Check that the interval arithmetic of proofs is installed.
-
-    Raises:
-        InputError: If it is not; says how to install it.
-    """
-    if find_spec("flint") is None:
-        allowed = f"what is installed, or the package python-flint: {install_command('proof')}"
-        raise InputError("--proof", "python-flint is missing", allowed)
-
-
-def require_batch(field: str) -> None:
-    """Check that what plans by the thousand is installed.
+def require(use: str, extra: str, *packages: str) -> None:
+    """Check that the packages of an extra are installed.
 
     Args:
-        field: What needs it, for the message.
+        use: What needs them, for the message.
+        extra: Its name.
+        packages: Names of the packages.
 
     Raises:
-        InputError: If something is missing; says how to install it.
+        InputError: Names the first that is missing, what needs it, and how to install it.
     """
-    missing = [name for name in ("distributed", "pandas", "pyarrow") if find_spec(name) is None]
-    if missing:
-        allowed = f"any, once {', '.join(missing)} can be imported: {install_command('batch')}"
-        raise InputError(field, f"{missing[0]} is missing", allowed)
-
-
-def require_mujoco(field: str) -> None:
-    """Check that the rigid-body engine is installed.
-
-    Args:
-        field: What needs it, for the message.
-
-    Raises:
-        InputError: If it is not; says how to install it.
-    """
-    if find_spec("mujoco") is None:
-        allowed = f"another one, or the package mujoco: {install_command('physics')}"
-        raise InputError(field, "mujoco is missing", allowed)
+    for package in packages:
+        if find_spec(_MODULES.get(package, package)) is None:
+            raise InputError(
+                package, MISSING, f"{use} needs this package: {install_command(extra)}"
+            )

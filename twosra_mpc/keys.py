@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 import re
+import tomllib
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 _UNITS = {  # ending of a key -> unit; the longest that fits counts
@@ -22,138 +25,12 @@ OTHER_UNITS: dict[str, tuple[str, float, float]] = {  # ending -> (ours, factor,
     **{"_K": ("_C", 1.0, -273.15), "_min": ("_s", 60.0, 0.0), "_ms": ("_s", 1e-3, 0.0)},
     **{"_mA": ("_A", 1e-3, 0.0), "_mm_s": ("_m_s", 1e-3, 0.0)},
 }
-_WORDS = {  # key -> what it is, where the key alone does not say it
-    "accuracy": "how near to their goals runs end; goals are met exactly without it",
-    "a": "rate of change of the input to the next sample [m/s2, and rad/s2]; not in version 1",
-    "ambient_C": "temperature of the air",
-    "angle_ratio": "turns of spirals I, II, III per bending angle",
-    "body_ratio": "heat capacity of the body over that of the core",
-    "certificate": "what proves a lower bound anew (twosra verify --proof); only where asked for",
-    "clearance_m": "kept to all obstacles; in a verification, what is left of it",
-    "coil": "the heating wire",
-    "cost": "what the plan costs, and what that is made of; null without a plan",
-    "description": "one line for people",
-    "do": "what to do: reach, pass, conform, grasp, carry or release",
-    "done_s": "when the segment has changed, or the task is done",
-    "effort": "cost of the effort, per second of it",
-    "effort_s": "integral of the sum of (wheel speed / largest)^2; not in older files",
-    "fastest_cost_s": "cost of the same plan at full speed, as the search found it",
-    "fill": "share of the annulus that is metal",
-    "gap": "proved relative gap (cost - lower bound) / cost; in a scenario, the gap to stop at",
-    "geometry": "lengths of the fibre and the locomotion units",
-    "goal": "where the robot should be; a coordinate left out is free",
-    "goal_error": "distance to the goal box [m, m, rad, 1/m, 1/m]",
-    "growth": "b of spirals I, II, III",
-    "heater": "temperatures, currents and coil of one segment's heater",
-    "heater_s": "when the heater is switched",
-    "heaters_at_once": "how many heaters the supply feeds at a time",
-    "heating": "what counts beyond time: fastest, least_energy or keep_warm",
-    "hold_duty": "share of the time for which the melting current holds a segment soft",
-    "kappa_per_m": "curvatures of the segments",
-    "time_limit_s": "CPU time after which the search stops, whatever it has done",
-    "work_limit": "work after which the search stops; a unit is about a millisecond",
-    "work": "units of work",
-    "first_plan_work": "units of work until the first plan was found",
-    "x_m": "place along x, or the least and the largest",
-    "y_m": "place along y, or the least and the largest",
-    "phi_rad": "heading, or the least and the largest",
-    "energy_s_per_J": "cost of heater energy",
-    "limits": "limits of motion and shape; in a verification, the margin to each",
-    "lower_bound_s": "proved lower bound on the cost of any plan",
-    "max_defect": "largest difference of the samples to their re-integration [m, rad, 1/m]",
-    "max_phases": "longest mode sequence that is searched",
-    "message": "one sentence a person can act on",
-    "metal": "the low-melting metal",
-    "mode": "stiffness of the segments: 1 soft, 0 rigid",
-    "model": "which model the other keys of this table belong to",
-    "modes": "stiffness modes that may be used",
-    "motion": "gentle: as slow as time to spare and the gap allow; or fastest; not with effort",
-    "name": "what it is called",
-    "obstacles": "what the robot must not touch: polygons, boxes, discs, or a GeoJSON file's path",
-    "polygon_m": "corners, in either direction, the first one not repeated",
-    "soft_travel_m": "how far the middle link may move while segments are soft, among obstacles",
-    "tasks": "what to do before the goal, or instead of one; in a plan file, when each is done",
-    "object": "name of what is touched, held or carried",
-    "objects": "things that can be touched, held and carried",
-    "order": "whether tasks keep the given order, or are done in the best one (free)",
-    "outline": "path of a CSV file of points x, y of a closed curve [m]",
-    "hold": "caged: it is proved that the object cannot leave; pushed: friction holds it",
-    "holding": "name of the object that is held at the start",
-    "directions_rad": "least and largest heading of b0 that may be used",
-    "gap_m": "how far segments may be away from what they lie along",
-    "friction": "coefficient of an object against the robot; only what is pushed needs one",
-    "pose": "where the object is at the start",
-    "pose_in_b0": "where the object is as seen from b0 [m, m, rad]",
-    "carried": "what moves with the robot, and when",
-    "from_s": "since when it is held",
-    "to_s": "until when it is held",
-    "configuration": "where the robot is then [m, m, rad, 1/m ...]",
-    "disc": "a disc; of an object, about the origin of its frame",
-    "box": "a box along the axes; of an object, in its frame",
-    "contact_m": "what is left of the overlap allowed with what is touched",
-    "position_tolerance_m": "how far the object may be from where it should be",
-    "heading_tolerance_rad": "how far it may be turned from that",
-    "curvature_uncertainty_per_m": "how far off curvatures may be; widens the robot",
-    "nlp_iterations": "iterations of the nonlinear solver",
-    "ok": "whether everything holds",
-    "onset_s": "when the segment begins to change; nothing may move from then on",
-    "overlap": "whether transitions may overlap: none, full, or thermal (times from the segment)",
-    "package": "version of the program that wrote the file",
-    "path": "how the fibre bends when a unit moves",
-    "phases": "motion phases in order; holds are the gaps between them",
-    "phi_modulo": "whether headings that differ by full turns are the same",
-    "phi_per_alpha": "slope of the polar angle over the bending angle in cases I, II, III",
-    "physics": "masses, stiffness and friction for simulation in MuJoCo; nobody has measured them",
-    "planner": "optimal, or greedy as in the paper",
-    "problems": "what does not hold, in words",
-    "q": "configuration [x m, y m, phi rad, and the curvature of each segment 1/m]",
-    "ranges": "5 % and 95 % values of uncertain parameters; of physics, the least and the largest",
-    "relaxation_s": "time in which a bent segment comes to rest",
-    "robot": "the robot: a built-in name, a path to its file, or its table",
-    "robot_id": "number of the robot, sent at the end of every line if its firmware expects one",
-    "rubber": "the silicone of core and tube",
-    "samples": "the plan on its grid; null without a plan",
-    "scale": "a of spirals I, II, III, in segment lengths",
-    "scenario": "the problem, defaults filled in",
-    "search_gap": "proved relative gap at full speed, (fastest cost - lower bound) / fastest cost",
-    "segment": "how a segment warms and cools; of a transition, which segment, from 1",
-    "segment_length_m": "length of every segment, or a list of their lengths",
-    "segments": "how many; in a plan file, how each warms and cools; of a task, which, from 1",
-    "sensor_gain": "reading above the air per degree of the core",
-    "sequences_bounded": "mode sequences whose lower bound was found",
-    "sequences_solved": "mode sequences that were solved",
-    "roller_damping_N_m_s": "friction of a roller about its axis over its speed",
-    "soft_friction_N_m": "moment of dry friction in a segment",
-    "soft_stiffness_N_m2": "bending stiffness EI of a segment with liquid metal",
-    "solid_stiffness_N_m2": "bending stiffness EI of a segment with solid metal",
-    "speed_reference": "whose speed v_j is: fibre_end or side_wheel",
-    "start": "where the robot is, and its shape",
-    "stats": "effort spent",
-    "status": "what is known about the plan",
-    "stopped_early": "whether a limit or an interrupt ended the search",
-    "t_s": "time of each sample",
-    "temperature_C": "temperatures of the segments",
-    "timing": "sets of transition times by name; in a scenario, the name of one",
-    "to": "what the segment becomes",
-    "tolerance": "half-widths of the goal box, or exact; by default from the robot's accuracy",
-    "total": "cost [s]: time, energy, transitions and effort by their weights",
-    "transition_quantile": "share of early and of late transitions that windows must hold",
-    "transition_s": "cost of a transition",
-    "transitions": "melts and freezes; in a cost, how many",
-    "turns": "turns of the coil",
-    "unit_frame_m": "side of a unit's outline, a square; unit_side_m only places its wheels",
-    "unit_offset_m": "how far the units lie beside the fibre",
-    "v": "input [v1 m/s, v2 m/s, u0 m/s, v0 m/s, r0 rad/s]",
-    "verification": "what the independent check found",
-    "wall_s": "time spent",
-    "weights": "weights of energy, transitions and effort in the cost, which is in seconds",
-    "workspace": "box in the plane that no point of the robot leaves",
-    "workspace_m": "margin to the edge of the workspace",
-    "wheel_independence": "least singular value of the wheel matrix with which the robot drives",
-    "wheel_friction": "coefficient of rollers on the ground",
-    "wheel_torque_N_m": "largest torque of a wheel's motor",
-    "wheels": "where the four wheels sit and point; left out, they follow from the lengths",
-}
+
+
+@functools.cache
+def _words() -> dict[str, str]:
+    """Glossary: key -> what it is, where the key alone does not say it."""
+    return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def unit_of(key: str) -> str:
@@ -170,7 +47,7 @@ def stem_of(key: str) -> str:
 
 def describe(key: str) -> str:
     """Say what a key is, with its unit in brackets where it has one."""
-    words, unit = _WORDS.get(key), unit_of(key)
+    words, unit = _words().get(key), unit_of(key)
     if not unit:
         return words or key.replace("_", " ")
     return f"{words or stem_of(key).replace('_', ' ')} [{unit}]"

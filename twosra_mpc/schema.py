@@ -13,7 +13,9 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from twosra_mpc.keys import describe
+from twosra_mpc.arguments import public
+from twosra_mpc.errors import InputError
+from twosra_mpc.keys import describe, near_word
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.document import PhaseDocument, PlanDocument
 from twosra_mpc.plans.plan import Cost
@@ -37,9 +39,18 @@ class _Quiet(GenerateJsonSchema):
     ignored_warning_kinds = {"skipped-choice", "non-serializable-default"}  # noqa: RUF012
 
 
+@public
 def json_schema(subject: Subject) -> Schema:
-    """Return the JSON Schema (draft 7) of a scenario, robot or plan file; units in descriptions."""
-    schema = {"scenario": _scenario, "robot": _robot, "plan": _plan}[subject]()
+    """Return the JSON Schema (draft 7) of a scenario, robot or plan file; units in descriptions.
+
+    Raises:
+        InputError: If it is another subject.
+    """
+    known = {"scenario": _scenario, "robot": _robot, "plan": _plan}
+    if subject not in known:
+        allowed = f"one of {', '.join(known)}"
+        raise InputError("subject", subject, allowed, hint=near_word(subject, known))
+    schema = known[subject]()
     for name, key in _keys(schema):
         key["description"] = describe(name)
     return {"$schema": _DRAFT, "title": f"twosra_mpc {subject}", **schema}

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import (
     TYPE_CHECKING,
@@ -13,7 +11,6 @@ from typing import (
     Any,
     ClassVar,
     NoReturn,
-    ParamSpec,
     Self,
     TypeAlias,
     TypeVar,
@@ -34,6 +31,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
+from twosra_mpc.arguments import MADE_BY
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
 
@@ -97,6 +95,9 @@ ModeField = Annotated[tuple[Bit, ...], EachSegment, BeforeValidator(plain)]
 _FOLLOWS = "default_factory_not_called"  # pydantic's word for a default that needs a wrong value
 
 
+_KINDS: dict[str, type[BaseModel]] = {}  # every record by the name of its class
+
+
 class Value(BaseModel):
     """A frozen record whose construction either succeeds with valid fields or names the bad one.
 
@@ -109,9 +110,15 @@ class Value(BaseModel):
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
     )
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        _KINDS[cls.__name__] = cls
+
     if not TYPE_CHECKING:  # the generated signature is what editors should complete
 
-        def __init__(self, /, **data: Any) -> None:
+        def __init__(self, /, *args: Any, **data: Any) -> None:
+            if args:
+                raise _without_keys(type(self), args)
             try:
                 super().__init__(**data)
             except ValidationError as error:
@@ -120,10 +127,16 @@ class Value(BaseModel):
                 raise problems[0].among(problems[1:]) from None
 
         def __setattr__(self, name: str, value: Any) -> None:
-            if name in type(self).model_fields:
-                own = type(self).__name__
-                raise InputError(name, value, f"another {own}: with_values({name}=...) makes one")
+            if not name.startswith("_"):
+                own, known = type(self).__name__, type(self).model_fields
+                key = name if name in known else "key"
+                hint = "" if name in known else near_key(name, value, [*known])
+                allowed = f"another {own}: with_values({key}=...) makes one"
+                raise InputError(name, value, allowed, hint=hint)
             super().__setattr__(name, value)
+
+        def __delattr__(self, name: str) -> None:
+            self.__setattr__(name, None)
 
     def __iter__(self) -> Iterator[tuple[str, Any]]:  # type: ignore[override]  # as dict() wants it
         """Fields and their values, and nothing that was worked out of them."""
@@ -231,79 +244,14 @@ class Tagged(Value):
         return {"oneOf": [handler(kind.__pydantic_core_schema__) for kind in kinds]}
 
 
-_MADE_BY = {  # kind of value -> what makes one
-    "Problem": 'load_problem("paper-1"), or Problem(...)',
-    "Plan": "plan(problem).require(), or load_plan(path).require()",
-    "Result": "plan(problem), or load_plan(path)",
-    "Robot": 'load_robot("2sra-v1")',
-    "Body": 'load_robot("2sra-v1")',
-    "Geometry": 'load_robot("2sra-v1").geometry',
-    "Run": "Executor(robot).run(plan)",
-    (_PATH := "str | Path"): "a path",
-}
-_AS_GIVEN = {"Body": ("Body", "Robot"), _PATH: ("str", "PurePath")}  # one of these will do
-Parameters = ParamSpec("Parameters")
-Returned = TypeVar("Returned")
-
-
-def public(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
-    """Check the arguments of a public function by its annotations, and say what makes right ones.
-
-    Of a result where a plan is meant the plan is taken, by ``require()``.
-
-    Raises:
-        InputError: If an argument is missing, unknown, or of another kind.
-    """
-    signature = inspect.signature(function)
-    kinds = {
-        name: (kind, parameter.annotation.endswith("| None"))
-        for name, parameter in signature.parameters.items()
-        if (kind := str(parameter.annotation).removesuffix(" | None")) in _MADE_BY
-    }
-
-    @functools.wraps(function)
-    def checked(*args: Parameters.args, **named: Parameters.kwargs) -> Returned:
-        try:
-            given = signature.bind(*args, **named)
-        except TypeError as error:
-            raise _wrong_arguments(function.__name__, signature, args, named, error) from None
-        for name, (kind, optional) in kinds.items():
-            if name in given.arguments and not (optional and given.arguments[name] is None):
-                given.arguments[name] = _of_kind(kind, name, given.arguments[name])
-        return function(*given.args, **given.kwargs)
-
-    return checked
-
-
-def _of_kind(kind: str, name: str, value: Any) -> Any:
-    """A value of this kind, by the name of its class; the plan of a result."""
-    names = {each.__name__ for each in type(value).__mro__}
-    if names & {*_AS_GIVEN.get(kind, (kind,))}:
-        return value
-    if kind == "Plan" and "Result" in names:
-        return value.require()
-    if kind == _PATH:
-        table = "a table of keys becomes one by Problem(**table), or Robot(**table)."
-        raise InputError(name, value, "a path", hint=table if isinstance(value, dict) else "")
-    raise InputError(name, value, f"a {kind}: {_MADE_BY[kind]}")
-
-
-def _wrong_arguments(
-    function: str,
-    signature: inspect.Signature,
-    args: Sequence[Any],
-    named: dict[str, Any],
-    error: TypeError,
-) -> InputError:
-    """Name the argument that does not fit; keys of a value among them are changed in the value."""
-    known = ", ".join(signature.parameters)
-    for name in named.keys() - signature.parameters.keys():
-        hint = near_word(name, [*signature.parameters])
-        for owner in (each for each in args if name in getattr(type(each), "model_fields", ())):
-            kind = type(owner).__name__.lower()
-            hint = f"{kind}.with_values({name}={named[name]!r}) makes a {kind} with it."
-        return InputError(name, named[name], f"arguments of {function}: {known}", hint=hint)
-    return InputError(function, f"{len(args) + len(named)} arguments", f"{known} ({error})")
+def _without_keys(model: type[BaseModel], args: Sequence[Any]) -> InputError:
+    """Say with which keys a record is made, and which function reads one."""
+    name, known = model.__name__, model.model_fields
+    keys = [key for key, item in known.items() if item.is_required()] or [*known][:4]
+    called = f"{name}({', '.join(f'{key}=...' for key in keys)})"
+    hint = f"{MADE_BY[name]} makes one." if name in MADE_BY else ""
+    given = args[0] if len(args) == 1 else args
+    return InputError(name, given, f"every value with its key: {called}", hint=hint)
 
 
 class FrozenDict(dict[Key, Item]):
@@ -354,13 +302,13 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
                 hint = f"did you mean {given}, without quotes?"
             if isinstance(given, dict):
                 hint = f"did you mean [[{field}]], which may stand several times?"
+            if isinstance(given, BaseModel):
+                hint = f"did you mean a list of one, [{type(given).__name__}(...)]?"
             return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
         case "too_long":
             return InputError(field, given, f"a list of {context['max_length']} values")
         case "model_type" | "dict_type" | "model_attributes_type":
-            named = "give every value its key, e.g. x_m = 0.1."
-            hint = named if isinstance(plain(given), list | tuple) else ""
-            return InputError(field, given, f"a table of keys{_described(field)}", hint=hint)
+            return _no_table(field, given, context.get("class_name", ""))
     return _wrong_value(model, detail, field)
 
 
@@ -370,6 +318,22 @@ def _belongs_above(cause: InputError, model: type[BaseModel]) -> str:
     if not cause.allowed.startswith(_KNOWN) or key not in model.model_fields:
         return ""
     return f"did you mean {key} of the file itself? Write it before the first [table]."
+
+
+def _no_table(field: str, given: Any, meant: str) -> InputError:
+    """Name what stands where a table, or a record of this class, is meant."""
+    hint, allowed = "", f"a table of keys{_described(field)}"
+    if isinstance(plain(given), list | tuple):
+        hint = "give every value its key, e.g. x_m = 0.1."
+    elif isinstance(given, BaseModel):
+        hint = f"this is a {type(given).__name__}, and a {meant} is meant."
+    words = describe(field)
+    if field.rpartition(".")[2].isdigit():  # words are those of the list
+        keys = _KINDS[meant].model_fields if meant in _KINDS else {}
+        allowed = f"a table of keys, here {', '.join(keys)}" if keys else "a table of keys"
+    elif "path" in words:
+        allowed = words
+    return InputError(field, given, allowed, hint=hint)
 
 
 _CHOICE = {"bool_type", "literal_error", "string_type"}

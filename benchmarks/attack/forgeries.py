@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.checking.cost import cost_of
-from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import check_plan, refined
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError
 from twosra_mpc.plans.plan import Plan, Status

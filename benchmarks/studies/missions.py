@@ -20,7 +20,7 @@ from benchmarks.measurement import timed_in_turns
 from benchmarks.studies.scenes import blocks
 from benchmarks.study import Count, Counts, Measured, Numbers, Study
 from twosra_mpc import InputError, Problem, load_problem, plan
-from twosra_mpc.analysis.mission_explanation import goal_by_goal
+from twosra_mpc.analysis.goal_by_goal import goal_by_goal
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.validation import NonNegative, Positive

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter
 from benchmarks.measurement import timed_in_turns
 from benchmarks.study import Count, Study
 from twosra_mpc import load_problem, plan
-from twosra_mpc.analysis.mission_explanation import goal_by_goal
+from twosra_mpc.analysis.goal_by_goal import goal_by_goal
 from twosra_mpc.validation import Positive, plain
 
 

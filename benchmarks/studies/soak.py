@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
-from twosra_mpc.problem.random_set import RandomSet
+from twosra_mpc.lab.batch.random_set import RandomSet
 from twosra_mpc.validation import Positive
 
 _BUILT_IN = ("2sra-v1", "2sra-v1-paper")

@@ -25,11 +25,11 @@ from benchmarks.problems import FOLDER, read_set
 from benchmarks.run_log import NAME
 from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
-from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.batch.table import frame_of, write_table
 from twosra_mpc.lab.identification.transition_fit import read_transitions
+from twosra_mpc.plans.setpoints import save_authors_csv
 
 _PACKAGE = Path(twosra_mpc.__file__).parent
 _LIMIT = ("--time-limit", "0.5")

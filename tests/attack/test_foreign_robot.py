@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
 from benchmarks.studies.faults import attacked
 from twosra_mpc.execution import Executor, Reading, RobotError
-from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter
+from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter, usable
 from twosra_mpc.execution.doubt import DRIVE_M, Doubt, DoubtError
-from twosra_mpc.execution.frames import usable
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.run import Ending

@@ -28,9 +28,8 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, ModeSequence, is_rigid, sequence_name
-from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
 from twosra_mpc.space.separation import Separation
 

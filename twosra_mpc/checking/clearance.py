@@ -16,8 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import paths
-from twosra_mpc.checking.stages import Stage
-from twosra_mpc.checking.sweep import CHORDS, Clearance, Sweep, least, sagitta_m, uncertain_m
+from twosra_mpc.checking.sweep import CHORDS, Clearance, Stage, Sweep, least, sagitta_m, uncertain_m
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried
@@ -28,9 +27,8 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import Obstacle, World
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import composed
 
 CONTACT_M = 5e-4  # by which contacts may differ in their distance
 _CONTACTS_M = 1e-3  # between points of an edge that may be touched

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
     problem, samples = trajectory.problem, trajectory.samples
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = heated_states(problem, samples, segment, model)
+    states = heated_states(samples, segment, model, problem.temperatures[segment])
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own, model, states)
@@ -222,12 +223,13 @@ def _missed(model: SegmentModel) -> float:
     return share * (model.liquid_level - model.solid_level)
 
 
+@lru_cache(8)  # what a plan costs, and whether it is one, both ask for them
 def heated_states(
-    problem: Problem, samples: Samples, segment: int, model: SegmentModel
+    samples: Samples, segment: int, model: SegmentModel, temperature_C: float
 ) -> tuple[Array, ...]:
-    """Values of a segment's state at every sample."""
-    start = model.initial(problem.temperatures[segment])
-    return replayed(model, start, samples.t_s, samples.heater_current_A[:, segment])
+    """Values of a segment's state at every sample, from its temperature at t = 0."""
+    currents = samples.heater_current_A[:, segment]
+    return replayed(model, model.initial(temperature_C), samples.t_s, currents)
 
 
 def _at(states: Sequence[Array], row: int) -> State:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
-from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -24,9 +23,8 @@ from twosra_mpc.checking.clearance import (
 from twosra_mpc.checking.sweep import sagitta_m
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import composed, inverse
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
@@ -151,6 +149,8 @@ def pushes(
     forces within their friction cones add up to that load. Contacts are the points of its edge
     that are nearest to the robot, and those half a millimetre further away.
     """
+    from scipy.optimize import nnls  # only then anyone waits for it
+
     still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
     placed = thing.at(pose_in_b0)
     points, inward = contacts(geometry, placed, still)

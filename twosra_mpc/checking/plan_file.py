@@ -5,6 +5,8 @@ and every rule is tested anew for the robot and the scenario in the file, limits
 samples; the cost is worked out from the samples, and it alone is compared with bound and gap. The
 robot in the file must be the one that its name stands for. That the lower bound is one cannot be
 seen from a plan; it takes planning the scenario again.
+
+`refined` makes a file denser: a plan with more samples, verified anew.
 """
 
 from __future__ import annotations
@@ -16,22 +18,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from twosra_mpc.checking.between_samples import between_problems
+import numpy as np
+
+from twosra_mpc.arguments import made, public
 from twosra_mpc.checking.cost import cost_of
-from twosra_mpc.checking.verification import Findings, examine
+from twosra_mpc.checking.reintegration import between_problems
+from twosra_mpc.checking.verification import Findings, examine, verify
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import plan_in
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
-from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.plans.trajectory import Samples, Trajectory, new_times
 from twosra_mpc.problem.limits import UNITS
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, FIT_TOLERANCE, GOAL_TOLERANCE, ROUNDING
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.path_choice import with_path_model
-from twosra_mpc.validation import ArrayValue, public
+from twosra_mpc.robot.path_fitting import with_path_model
+from twosra_mpc.validation import ArrayValue
 
 _YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state
 _UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
@@ -56,6 +61,7 @@ class Check:
     unit: str = ""
 
 
+@made
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanCheck(ArrayValue):
     """A plan file that was checked.
@@ -315,3 +321,21 @@ def _stored(stored: Verification, found: Verification) -> Check:
     same = same and stored.limits.keys() == expected
     same = same and all(abs(a - b) <= ROUNDING + DEFECT_TOLERANCE * abs(b) for a, b in numbers)
     return Check(name, "the same" if same else "its numbers are others", same)
+
+
+@public
+def refined(plan: Plan, rate_Hz: float) -> Plan:
+    """Add samples at a regular rate; those that the plan has stay, since its inputs change there.
+
+    What is added has the input in force there, on the plan's path and at the temperatures expected
+    there. The outcome is verified anew.
+
+    Raises:
+        InputError: If the rate is not positive, or beyond 1000 Hz.
+    """
+    given, known = plan.trajectory, plan.samples.t_s
+    further = new_times(given.regular_times(rate_Hz), known)
+    samples = given.at(np.sort(np.concatenate([known, further])))
+    trajectory = replace(given, samples=samples)
+    cost, verification = cost_of(trajectory), verify(trajectory)
+    return replace(plan, trajectory=trajectory, cost=cost, verification=verification)

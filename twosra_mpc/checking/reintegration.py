@@ -1,27 +1,161 @@
-"""What a plan sends, integrated anew: where the robot is at its samples, and between them."""
+"""Integration of a plan's inputs anew: where the robot is at its samples, and between them.
+
+The method is Dormand and Prince's of order 8, with errors of orders 5 and 3 (DOP853; Hairer,
+Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.5). It serves the
+verification of plans alone: what makes them uses another method.
+
+Limits are proved between the samples of plan files, where these may be few. Nothing is to be done
+for rigid motion: its shape stays, its inputs grow steadily, so that most is used of every limit at
+a sample. Nor for curvatures, each of which changes one way only from sample to sample. Other motion
+is cut where inputs have moved a tenth of a millimetre, and integrated anew. Where the rate of a
+share of a speed limit is within [m, M] for a time h, the share is nowhere more than (M - m) h / 4
+above the larger one at the ends. Parts of the robot come no nearer to each other than half of what
+their gaps at the ends add up to, less how far points of them may have moved.
+"""
 
 from __future__ import annotations
 
 import bisect
 import itertools
 import math
-from collections.abc import Iterator
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.dormand_prince import step_of_order_8
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.kinematics import InPlace
+from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.intervals import enclose
+from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.rows import in_mode
-from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.problem.limits import (
+    BODY_GAP,
+    UNIT_GAP,
+    parts_moved_m,
+    shape_margins,
+    shares_used,
+    speed_function,
+    speed_limits,
+)
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, Array
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, RATE_TOLERANCE
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
+from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode
+
+Bounds = tuple[Array, Array]  # lower and upper
+
+
+def share_rates(
+    robot: Robot, kappa: Bounds, v: Bounds, a: Array, mode: NDArray[np.int64]
+) -> Bounds:
+    """Enclose d/dt of the shares of the speed limits that are used, (shares, m) [1/s].
+
+    Interval arithmetic on the derivative along q' = J(q, sigma) v, v' = a. Shares are signed, in
+    the order of ``speed_function``.
+
+    Args:
+        robot: The robot.
+        kappa: Least and largest curvatures, each (m, n) [1/m].
+        v: Least and largest inputs, each (m, 5).
+        a: Their rate of change, (m, 5).
+        mode: Stiffness, (m, n).
+    """
+    lower, upper = (np.hstack([k, s, a, mode]).T for k, s in zip(kappa, v, strict=True))
+    return enclose(_share_rates(robot), lower, upper)
+
+
+@per_body()
+def _share_rates(body: Body) -> ca.Function:
+    """(kappa, v, a, sigma) as one vector -> rates of the shares."""
+    segments = body.geometry.segments
+    parts = (segments, INPUTS, INPUTS, segments)
+    x, q = ca.SX.sym("x", sum(parts)), ca.SX.sym("q", POSE + segments)
+    kappa, v, a, sigma = ca.vertsplit(x, np.cumsum([0, *parts]).tolist())
+    speeds, growth = (ca.vertcat(*speed_function(body)(q, s, sigma)) for s in (v, a))
+    rates = growth + ca.jtimes(speeds, q, kinematics(body).jacobian(q, sigma) @ v)
+    (rates,) = ca.substitute([rates], [q], [ca.vertcat(ca.SX.zeros(POSE), kappa)])
+    return ca.Function("share_rates", [x], [ca.densify(rates)], {"cse": True})
+
+
+# fmt: off
+_STAGES = (
+    (),
+    (0.05260015195876773,),
+    (0.0197250569845379, 0.0591751709536137),
+    (0.02958758547680685, 0, 0.08876275643042054),
+    (0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792),
+    (0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242),
+    (0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125),
+    (
+        0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
+        0.008273789163814023,
+    ),
+    (
+        0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
+        20.154067550477894, -43.48988418106996,
+    ),
+    (
+        0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
+        15.279233632882423, -33.28821096898486, -0.020331201708508627,
+    ),
+    (
+        -0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
+        -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196,
+    ),
+    (
+        2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
+        27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
+        0.6433927460157636,
+    ),
+)
+_EIGHTH = (
+    0.054293734116568765, 0, 0, 0, 0, 4.450312892752409, 1.8915178993145003, -5.801203960010585,
+    0.3111643669578199, -0.1521609496625161, 0.20136540080403034, 0.04471061572777259,
+)
+_OFF_FIFTH = (
+    0.01312004499419488, 0, 0, 0, 0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864,
+    -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294,
+)
+_THIRD = (
+    0.2440944881889764, 0, 0, 0, 0, 0, 0, 0, 0.7338466882816118, 0, 0, 0.022058823529411766,
+)
+# fmt: on
+_RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
+_NO_ERROR = 1e-300
+
+
+@per_body()
+def step_of_order_8(body: Body) -> ca.Function:
+    """(q, s, sigma) -> (q after the input displacement s, (error, largest curvature there)).
+
+    The error is that of a relative tolerance of 1e-12: more than 1 is too much.
+    """
+    segments = body.geometry.segments
+    q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
+    sigma, jacobian = ca.SX.sym("sigma", segments), kinematics(body).jacobian
+    slopes: list[ca.SX] = []
+    for stage in _STAGES:
+        slopes.append(jacobian(q + _weighted(stage, slopes), sigma) @ s)
+    off_third = [a - b for a, b in zip(_EIGHTH, _THIRD, strict=True)]
+    after = q + _weighted(_EIGHTH, slopes)
+    scale = _ATOL + _RTOL * ca.fmax(ca.fabs(q), ca.fabs(after))
+    fifth, third = (
+        ca.sumsqr(_weighted(off, slopes) / scale) / q.numel() for off in (_OFF_FIFTH, off_third)
+    )
+    error = fifth / ca.sqrt(fifth + 0.01 * third + _NO_ERROR)
+    told = ca.vertcat(error, ca.mmax(ca.fabs(after[POSE:])))
+    return ca.Function("step_of_order_8", [q, s, sigma], [after, told])
+
+
+def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:
+    return sum((w * k for w, k in zip(weights, slopes, strict=True) if w), start=ca.SX(0))
+
 
 _MOST_CUTS = 2_000_000  # of all intervals
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
@@ -34,7 +168,25 @@ _FIT = np.linalg.inv(chebvander(2 * _NODES - 1, _DEGREE))
 _LEAST_STEP = 1e-12  # m or rad: where that is too long, a curvature runs away
 
 
-def reintegrate(problem: Problem, samples: Samples) -> Array:
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """What moves a robot, of `Samples`: times (m,), inputs and rates (m, 5), modes (m, n)."""
+
+    t_s: Array
+    v: Array
+    a: Array
+    mode: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Whether the robot moves from each row to the next, (m,)."""
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
+
+
+def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:
     """Integrate q' = J(q, mode) v over the samples from the start configuration, (m, 3 + n).
 
     Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
@@ -50,12 +202,22 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             rows[:] = reached[first]
             continue
         if mode not in known:
-            known[mode] = _Steps(problem.robot, mode)
+            idle = _idle(problem.robot, mode)
+            known[mode] = idle.pop() if idle else _Steps(problem.robot, mode)
         if not _follow(
             known[mode], reached[first], direction, np.cumsum(lengths).tolist(), beyond, rows
         ):
             break
+    for mode, steps in known.items():
+        _idle(problem.robot, mode).append(steps)
     return reached
+
+
+@per_body(8)
+def _idle(body: Body, mode: Mode) -> list[_Steps]:
+    """Those of a mode that nobody takes now: in another thread somebody may."""
+    del body, mode
+    return []
 
 
 def _follow(
@@ -114,17 +276,26 @@ class _Steps:
         return after, error, curvature
 
 
-def paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
+def displacements(samples: Samples | Sent) -> Array:
+    """Input displacements s = (v + a dt / 2) dt from each row to the next, (m - 1, 5)."""
+    dt = np.diff(samples.t_s)[:, None]
+    moved = samples.a[:-1] * dt  # the rest is done in place: there may be many rows
+    moved /= 2
+    moved += samples.v[:-1]
+    moved *= dt
+    return moved
+
+
+def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     """Runs of samples with one mode and one direction: (first, last, direction, lengths).
 
-    Lengths are those of the input displacements s = (v + a dt / 2) dt, direction is s / |s|, zero
-    at rest.
+    Lengths are those of the input displacements s, direction is s / |s|, zero at rest.
     """
-    dt = np.diff(samples.t_s)[:, None]
-    moved = (samples.v[:-1] + samples.a[:-1] * dt / 2) * dt
-    lengths = np.linalg.norm(moved, axis=1)
-    direction = moved / np.where(lengths > 0, lengths, 1.0)[:, None]
-    turned = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
+    direction = displacements(samples)
+    lengths = np.linalg.norm(direction, axis=1)
+    direction /= np.where(lengths > 0, lengths, 1.0)[:, None]
+    turns = np.diff(direction, axis=0)
+    turned = np.abs(turns, out=turns).max(axis=1, initial=0.0) > _SAME_DIRECTION
     turned |= np.diff(samples.mode[:-1], axis=0).any(axis=1)
     starts = [0, *(np.flatnonzero(turned) + 1).tolist(), len(lengths)]
     for first, last in itertools.pairwise(starts):
@@ -132,20 +303,19 @@ def paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
             yield first, last, direction[first], lengths[first:last]
 
 
-def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, NDArray[np.intp]]:
-    """Samples whose inputs move no more than ``cut`` (m or rad) from one to the next.
+def between(samples: Samples, cut: float | Array, least: int) -> tuple[Sent, NDArray[np.intp]]:
+    """What moves the robot no more than ``cut`` (m or rad) from one row to the next.
 
     ``cut`` may be a list, one for each interval. Those that move are cut into ``least`` more parts.
-    Only times, inputs, rates and modes are those of the plan at these times; the rest is held.
 
     Returns:
-        The finer samples, and for each the row of ``samples`` in force.
+        The finer rows, and for each the row of ``samples`` in force.
 
     Raises:
         InputError: If something moves absurdly far.
     """
     dt = np.diff(samples.t_s)
-    moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
+    moved = np.abs(displacements(samples)).max(axis=1)
     if not (moved / cut).sum() <= _MOST_CUTS:
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)
@@ -154,6 +324,40 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, 
     share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
     t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])
     at = np.append(at, len(cuts))
-    v = samples.v[at] + samples.a[at] * (t - samples.t_s[at])[:, None]
-    held = {item.name: getattr(samples, item.name)[at] for item in fields(samples)}
-    return Samples(**{**held, "t_s": t, "v": v}), at
+    a = samples.a[at]
+    return Sent(t, samples.v[at] + a * (t - samples.t_s[at])[:, None], a, samples.mode[at]), at
+
+
+_CUT = 1e-4  # m: what an input moves between the places that are looked at
+
+
+def between_problems(trajectory: Trajectory) -> Iterator[str]:
+    """Limits of speed, and of gaps between parts, that are exceeded between samples."""
+    samples, robot = trajectory.samples, trajectory.problem.robot
+    soft = samples.mode[:-1].any(axis=1)
+    fine, _ = between(samples, np.where(soft, _CUT, np.inf), least=1)
+    q = reintegrate(trajectory.problem, fine)
+    rows = np.flatnonzero(fine.mode[:-1].any(axis=1) & fine.moves[:-1])
+    if not len(rows) or not np.isfinite(q).all():  # what is anywhere is told of already
+        return
+    h, a, mode = np.diff(fine.t_s)[rows], fine.a[rows], fine.mode[rows]
+    places, inputs = (q[rows], q[rows + 1]), (fine.v[rows], fine.v[rows] + a * h[:, None])
+    kappa = places[0][:, POSE:], places[1][:, POSE:]
+    shapes, speeds = ((np.minimum(*ends), np.maximum(*ends)) for ends in (kappa, inputs))
+    low, high = share_rates(robot, shapes, speeds, a, mode)
+    ends = [shares_used(robot, *end, mode) for end in zip(places, inputs, strict=True)]
+    beyond = iter((high - low) * h / 4)
+    for limit, begin, end in zip(speed_limits(robot), *ends, strict=True):
+        worst = (np.maximum(begin, end) + [next(beyond) for _ in begin]).max(axis=0)
+        if worst.max() > 1 + RATE_TOLERANCE:
+            by = (worst.max() - 1) * limit.most(robot)
+            when = fine.t_s[rows[int(worst.argmax())]]
+            when = f"at {when:z.3f} s, between samples"
+            yield f"limit {limit.name} exceeded by up to {by:z.3g} {when}"
+    moved_m = parts_moved_m(robot, np.abs(kappa[1] - kappa[0]))
+    margins = [shape_margins(robot, end) for end in kappa]
+    for gap in (UNIT_GAP, BODY_GAP):
+        least = (margins[0][gap.name] + margins[1][gap.name] - moved_m) / 2
+        if least.min() < -BODY_TOLERANCE_M:
+            when, by = fine.t_s[rows[int(least.argmin())]], -least.min()
+            yield f"limit {gap.name} exceeded by up to {by:z.3g} at {when:z.3f} s, between samples"

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.checking.missions import mission_problems, rounded, times_wrong
-from twosra_mpc.checking.stages import stages
-from twosra_mpc.checking.sweep import Clearance, Sweep, swept
+from twosra_mpc.checking.sweep import Clearance, Sweep, stages, swept
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE
 from twosra_mpc.problem.tolerances import ROUNDING

@@ -1,7 +1,11 @@
-"""What a plan sweeps: the robot at fine times, and how far any of its points travels in between."""
+"""Sweep of a plan: the robot at fine times, how far its points travel in between, and its stages.
+
+A stage says what the robot must keep clear of, may touch and holds, from task to task of a mission.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,11 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.checking.reintegration import between, displacements, reintegrate
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
+from twosra_mpc.plans.carried import Carried, carried, object_poses
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 
@@ -112,8 +118,7 @@ def swept(problem: Problem, samples: Samples) -> Sweep | None:
     left = geometry.inner_link_of_b0
     bent = np.abs(d[:, POSE:]) * reach
     one_side = np.maximum(bent[:, :left].sum(axis=1), bent[:, left:].sum(axis=1))
-    dt = np.diff(fine.t_s)[:, None]
-    s = (fine.v[:-1] + fine.a[:-1] * dt / 2) * dt
+    s = displacements(fine)
     driven = np.hypot(s[:, 2], s[:, 3]) + rho * np.abs(s[:, 4])
     travel = np.where(soft[rows], np.hypot(d[:, 0], d[:, 1]) + rho * d[:, 2] + one_side, driven)
     return Sweep(fine.t_s, q, np.append(0.0, np.cumsum(travel)))
@@ -121,9 +126,10 @@ def swept(problem: Problem, samples: Samples) -> Sweep | None:
 
 def _beyond_chord(d: Array, rows: NDArray[np.intp]) -> Array:
     """Largest second difference of each coordinate beside each difference d (m, k), (m, k)."""
-    second = np.where((rows[1:] == rows[:-1])[:, None], np.abs(np.diff(d, axis=0)), 0.0)
-    none = np.zeros((1, d.shape[1]))
-    beside: Array = np.maximum(np.vstack([none, second]), np.vstack([second, none]))
+    second, beside = np.diff(d, axis=0), np.zeros_like(d)
+    np.abs(second, out=second)[rows[1:] != rows[:-1]] = 0.0
+    beside[1:] = second
+    np.maximum(beside[:-1], second, out=beside[:-1])
     return beside
 
 
@@ -216,3 +222,69 @@ def least(
         a, b = np.concatenate([a, middle]), np.concatenate([middle, b])
         d_a, d_b = np.concatenate([d_a, d_m]), np.concatenate([d_m, d_b])
     return Least(at, best, proved)
+
+
+class Stage(NamedTuple):
+    """From the task before until a task is done, or from the last one to the end.
+
+    Attributes:
+        first: First fine time of the sweep.
+        last: Last one.
+        world: Obstacles to keep clear of.
+        resting: Objects to keep clear of, where they are.
+        touched: What the robot may touch, where it is.
+        held: What it carries, if anything.
+        taken: Whether that begins here.
+    """
+
+    first: int
+    last: int
+    world: World
+    resting: tuple[Obstacle, ...] = ()
+    touched: tuple[Obstacle, ...] = ()
+    held: Carried | None = None
+    taken: bool = False
+
+
+def stages(trajectory: Trajectory, sweep: Sweep) -> list[Stage]:
+    """Every stage in order; a plan that only reaches a goal is one."""
+    problem, world = trajectory.problem, trajectory.problem.world
+    found, taken = list[Stage](), iter(carried(trajectory))
+    held = held_before = None
+    if problem.start.holding is not None:
+        held = next(taken)
+    ends = (0.0, *trajectory.done_s, trajectory.duration_s)
+    for i, (from_s, to_s) in enumerate(itertools.pairwise(ends)):
+        if found and to_s - from_s <= SAME_TIME_S and i == len(problem.tasks):
+            break
+        task = problem.tasks[i] if i < len(problem.tasks) else None
+        if task is not None and task.lets_go:
+            held = None
+        names = touched_in(problem, i)
+        poses = object_poses(trajectory, np.array([(from_s + to_s) / 2]))[0]
+        things = [
+            item.at(pose)
+            for k, (item, pose) in enumerate(zip(problem.objects, poses, strict=True))
+            if held is None or k != held.object
+        ]
+        touched = tuple(o for o in (*problem.obstacles, *things) if o.name and o.name in names)
+        apart = tuple(item for item in problem.obstacles if item not in touched)
+        resting = tuple(item for item in things if item not in touched)
+        around = world if len(apart) == len(world.obstacles) else world.with_values(obstacles=apart)
+        span, begins = sweep.over(from_s, to_s), held is not held_before
+        found.append(Stage(*span, around, resting, touched, held, begins))
+        held_before = held
+        if task is not None and task.takes:
+            held = next(taken)
+    return found
+
+
+def touched_in(problem: Problem, stage: int) -> set[str]:
+    """Names of what may be touched until task ``stage`` is done, numbered from 0.
+
+    It is what that task takes hold of, lets go or lies along, and what the one before lay along.
+    """
+    own, before = problem.tasks[stage : stage + 1], problem.tasks[max(stage - 1, 0) : stage]
+    names = {task.about for task in own if task.touches}
+    names |= {task.about for task in before if task.lies_along}
+    return {name for name in names if name}

@@ -17,14 +17,17 @@ from twosra_mpc.checking.heating import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
-from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.model.outline import outline_points
-from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.driven import Driven, driven, margins
-from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
+from twosra_mpc.problem.driven import Driven, margins
+from twosra_mpc.problem.limits import (
+    WHEEL_SPEED,
+    WORKSPACE,
+    outline_at,
+    settled,
+    workspace_margins,
+)
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
@@ -37,7 +40,36 @@ from twosra_mpc.problem.tolerances import (
 )
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.transitions import own_transitions
+
+
+def transition_problems(trajectory: Trajectory) -> Iterator[str]:
+    """Order and duration of the transitions of each segment, and the stiffness at the end."""
+    problem, transitions = trajectory.problem, trajectory.transitions
+    for earlier, after in itertools.pairwise(trajectory.phases):
+        if after.start_s < earlier.end_s - TIME_TOLERANCE_S:
+            yield f"the phase at {after.start_s:z.3f} s starts before the one before it has ended"
+    timing, known = transition_model(problem), trajectory.samples.t_s[:, None]
+    for j, stiffness in enumerate(problem.start_mode):
+        before: Transition | None = None
+        for item in own_transitions(transitions, j):
+            name = f"segment {j + 1} to {item.to} at {item.heater_s:z.3f} s"
+            if (item.to == "soft") == bool(stiffness):
+                yield f"{name}: it is {item.to} already"
+            if item.heater_s < (before.done_s if before else 0.0) - TIME_TOLERANCE_S:
+                yield f"{name}: before the transition before it is done"
+            if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
+                yield f"{name}: heater, onset and done are out of order"
+            if np.abs(known - np.array([item[2:]])).min(axis=0).max() > TIME_TOLERANCE_S:
+                yield f"{name}: heater, onset or done is at no sample"
+            for text in timing.violations(item, before, transitions):
+                yield f"{name}: {text}"
+            stiffness, before = int(item.to == "soft"), item
+        if not problem.ends_anywhere and stiffness != problem.goal.mode[j]:
+            wanted = "soft" if problem.goal.mode[j] else "rigid"
+            yield f"segment {j + 1} does not end {wanted}"
+
 
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
 _AT_ONCE = 256  # of these places
@@ -73,8 +105,7 @@ def examine(trajectory: Trajectory) -> Findings:
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     around = examine_around(trajectory)
-    dt_s = np.append(np.diff(samples.t_s), 0.0)
-    moving = driven(problem.robot, samples.q, samples.v, samples.a, dt_s, samples.mode)
+    moving = trajectory.driven
     limits = _margins(problem, samples, moving)
     for name, margin in around.margins.items():  # what is carried stays within the workspace, too
         limits[name] = min(limits.get(name, np.inf), margin)
@@ -235,9 +266,9 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
         if known[k] - travel > least + _OFF_M:
             continue
         charge(Cost.OUTLINE, len(q[part]))
-        margins, same = workspace_margins(problem, q[part]), at[part][2:] == at[part][:-2]
-        points = by_rows(outline_points(problem.robot.geometry), q[part])[0]
-        aside = _aside(np.diff(points.reshape(len(margins), -1, 2), axis=0))
+        points = outline_at(problem.robot, q[part])
+        margins, same = workspace_margins(problem, q[part], points), at[part][2:] == at[part][:-2]
+        aside = _aside(np.diff(points, axis=0))
         off, bent = np.zeros(len(margins)), aside.max(axis=1, initial=0.0)
         off[1:-1] = np.where(same, bent, 0.0)  # corners of a path lie between intervals
         off[:-1] = np.maximum(off[:-1], off[1:])

@@ -35,9 +35,9 @@ from twosra_mpc.errors import (
     TwosraError,
     printable,
 )
+from twosra_mpc.installation import __version__
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
 from twosra_mpc.keys import near_number, near_word
-from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
 _COMMANDS = {
@@ -49,10 +49,6 @@ _COMMANDS = {
             "Say in which shapes the robot can drive to the goal.",
         ),
         "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),
-        "compare-models": (
-            "cli.comparisons",
-            "Plan under each path model, and run under the others.",
-        ),
     },
     "Thousands of plans": {
         "batch": (
@@ -81,14 +77,17 @@ _COMMANDS = {
             "lab.commands.replay_command",
             "Predict a log of motion, and say how far off it ends.",
         ),
-        "simulate-heater": ("cli.heater_command", "Run the closed loop of one heater."),
+        "simulate-heater": ("lab.commands.heater_command", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
-        "new": ("cli.new", "Write a scenario or a robot file to start from."),
-        "scenarios": ("cli.robots", "List the built-in scenarios."),
-        "robots": ("cli.robots", "List the built-in robots."),
-        "check-robot": ("cli.robots", "Check a robot file and its wheels."),
-        "fit-paths": ("cli.robots", "Fit spirals and cardioids to a fibre's lengths."),
+        "new": ("cli.descriptions", "Write a scenario or a robot file to start from."),
+        "scenarios": ("cli.descriptions", "List the built-in scenarios."),
+        "robots": ("cli.descriptions", "List the built-in robots."),
+        "check-robot": ("cli.descriptions", "Check a robot file and its wheels."),
+        "fit-paths": (
+            "lab.commands.fit_paths_command",
+            "Fit spirals and cardioids to a fibre's lengths.",
+        ),
         "fit-thermal": (
             "lab.commands.thermal_fit_command",
             "Identify a segment from a heating log.",

@@ -1,23 +1,20 @@
-"""Plans beside other plans: ``twosra compare``, ``compare-models`` and ``explain``."""
+"""Plans beside other plans: ``twosra compare`` and ``explain``."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import Activity, in_words
-from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
-from twosra_mpc.analysis.mission_explanation import MissionExplanation, explain_mission
-from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
+from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.plans.headline import quality
-from twosra_mpc.plans.plan import Status
+from twosra_mpc.plans.plan import Status, quality
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import sequence_name
@@ -132,73 +129,6 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
         print_table(EFFORT, effort)
 
 
-@command("compare-models")
-@click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "timing", "gap", "work_limit", "time_limit_s", "exact")
-def compare_models_command(scenario: str, load: Load, output: Output) -> None:
-    """Plan SCENARIO under each path model, and execute each plan under the others.
-
-    \b
-    How far does the robot end from the goal if it bends otherwise than planned?
-      twosra compare-models paper-2
-    The same with constant times of melting and freezing, for a program to read:
-      twosra compare-models paper-2 --timing constant --json
-    """
-    problem = load(scenario)
-    with output.progress("planning under each path model"):
-        result = compare_models(problem)
-    output.report(lambda: _comparison(result), lambda: _print_comparison(result))
-
-
-def _comparison(result: ModelComparison) -> dict[str, Any]:
-    """The comparison as plain data; end errors as [x m, y m, phi rad, kappa1, kappa2 1/m]."""
-    columns = (result.models, result.speeds, result.results, result.end_errors)
-    plans = [
-        {
-            "model": model,
-            "speed": speed,
-            "status": str(planned.status),
-            "duration_s": planned.plan and planned.plan.duration_s,
-            "moving_s": planned.plan.moving_s if planned.plan else 0.0,
-            "gap": planned.gap,
-            "modes": planned.plan.sequence if planned.plan else [],
-            "end_error_under": planned.plan and dict(zip(result.models, ends, strict=True)),
-        }
-        for model, speed, planned, ends in zip(*columns, strict=True)
-    ]
-    return {"scenario": result.results[0].problem.scenario(), "plans": plans}
-
-
-def _print_comparison(result: ModelComparison) -> None:
-    rows = []
-    for name, speed, planned in zip(result.models, result.speeds, result.results, strict=True):
-        if (made := planned.plan) is None:
-            rows.append((name, str(planned.status), "", "", "", speed))
-            continue
-        wheel = f"{abs(made.samples.wheel_rad_s).max():z.1f} rad/s"
-        took, moving = f"{made.cost.time_s:z.1f} s", f"{made.moving_s:z.2f} s"
-        rows.append((name, sequence_name(made.sequence), took, moving, wheel, speed))
-    print_table(("model", "mode sequence", "duration", "moving", "wheels", "v_j is"), rows)
-    errors = [
-        (maker, runner, *(_end_error(error) if planned.plan else ("no plan",)))
-        for maker, planned, ends in zip(
-            result.models, result.results, result.end_errors, strict=True
-        )
-        for runner, error in zip(result.models, ends, strict=True)
-    ]
-    click.echo("Error at the end of each plan, executed by each model:")
-    header = ("planned with", "executed by", "position", "heading", "kappa1", "kappa2")
-    print_table(header, [(*row, *[""] * (len(header) - len(row))) for row in errors])
-
-
-def _end_error(error: Any) -> tuple[str, ...]:
-    if math.isnan(error[0]):
-        return ("bends too far",)
-    shift, turn = 1e3 * math.hypot(error[0], error[1]), math.degrees(error[2])
-    bends = (f"{value:z.1f} 1/m" for value in error[3:])
-    return f"{shift:z.1f} mm", f"{turn:z.1f} deg", *bends
-
-
 @command("explain")
 @click.argument("scenario", **SCENARIO)
 @scenario_options("robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact")
@@ -220,14 +150,9 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
       twosra explain three-shapes
     """
     problem = load(scenario)
-    explained: Callable[..., Explanation | MissionExplanation]
-    explained = explain_mission if problem.is_mission else explain
     with output.progress("planning") as tell:
-        found = explained(problem, on_progress=lambda words: tell(f"planning {words}"))
-    if isinstance(found, MissionExplanation):
-        output.report(lambda: _mission(found), lambda: _print_mission(found))
-    else:
-        output.report(lambda: _explanation(found), lambda: _print_explanation(found))
+        found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+    output.report(lambda: _explanation(found), lambda: _print_explanation(found))
     if not found.complete:
         click.echo("twosra: interrupted before all alternatives were planned", err=True)
     if found.result.status is Status.INFEASIBLE:
@@ -237,6 +162,7 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
 
 def _explanation(found: Explanation) -> dict[str, Any]:
     """The explanation as plain data."""
+    others, reshaping = found.alternatives, found.reshaping
     return {
         "plan": found.result.to_dict(),
         "why": found.why,
@@ -245,47 +171,27 @@ def _explanation(found: Explanation) -> dict[str, Any]:
             {**_activity(one.activity), "during": [str(item) for item in one.during]}
             for one in found.hidden
         ],
-        "alternatives": list(map(_alternative, found.alternatives)),
+        "tasks": [
+            {**vars(each), "duration_s": each.duration_s, "shares": each.shares}
+            for each in found.tasks
+        ],
+        "compared_s": others[0].original.cost.total if others else None,
+        "alternatives": list(map(_alternative, others)),
+        "orders_left": found.orders_left,
+        "reshaping": None if reshaping is None else _reshaping(reshaping),
         "complete": found.complete,
-        **({} if found.reshaping is None else {"reshaping": _reshaping(found.reshaping)}),
     }
 
 
 def _alternative(other: Alternative) -> dict[str, Any]:
     return {
         "change": other.change,
+        "cost_s": other.cost,
         "difference_s": other.difference_s,
         "difference": other.difference,
         "outcome": other.outcome,
         "status": other.result and str(other.result.status),
         "duration_s": other.plan and other.plan.duration_s,
-    }
-
-
-def _mission(found: MissionExplanation) -> dict[str, Any]:
-    """The explanation of a mission as plain data."""
-    return {
-        "plan": found.result.to_dict(),
-        "tasks": [
-            {**vars(each), "duration_s": each.duration_s, "shares": each.shares}
-            for each in found.tasks
-        ],
-        "critical_path": [_activity(item) for item in found.critical_path],
-        "compared_s": found.quick and found.quick.cost.total,
-        "goal_by_goal": [
-            {
-                "temperatures": way.temperatures,
-                "tasks": way.tasks,
-                "costs_s": [each.plan and each.plan.cost.total for each in way.results],
-                "cost_s": way.cost,
-                "melts": way.melts,
-                "outcome": found.outcome(way),
-            }
-            for way in found.goal_by_goal
-        ],
-        "orders": list(map(_alternative, found.orders)),
-        "orders_left": found.orders_left,
-        "complete": found.complete,
     }
 
 
@@ -303,47 +209,31 @@ def _activity(item: Activity) -> dict[str, Any]:
 
 
 def _print_explanation(found: Explanation) -> None:
-    made = found.result
+    made, path = found.result, found.critical_path
     rows = [("status", made.status.words), ("outcome", made.message)]
     rows += _named_once("why", found.why)
     if found.reshaping is not None:
         rows += _named_once("reshaping" if made.found else "blocked", found.reshaping.why)
         rows += _named_once("where", found.reshaping.places)
-    print_table((made.problem.robot.name, made.planner), rows)
-    _print_sum(found.critical_path)
-    if found.hidden:
-        rows = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in found.hidden]
-        print_table(("at no cost", "meanwhile"), rows)
-    if found.alternatives:
-        options = [(other.change, other.price, other.outcome) for other in found.alternatives]
-        compared = "instead, at full speed" if made.problem.drives_gently else "instead"
-        print_table((compared, "costs more", "outcome"), options)
-
-
-def _print_mission(found: MissionExplanation) -> None:
-    made = found.result
-    rows = [("status", made.status.words), ("outcome", made.message)]
-    print_table((made.problem.robot.name, made.planner), rows)
+    print_table((made.problem.robot.name, f"planner {made.planner}"), rows)
     if found.tasks:
         tasks = [
             (each.words, f"{each.duration_s:z8.2f} s", f"{each.energy_J:z.0f} J", each.shares)
             for each in found.tasks
         ]
         print_table(("task", "takes", "heat", "melts"), tasks)
-    _print_sum(found.critical_path)
-    options = [(str(way), found.price(way), found.outcome(way)) for way in found.goal_by_goal]
-    options += [(other.change, other.price, other.outcome) for other in found.orders]
-    if found.orders_left:
-        options.append(("in other orders", "", f"{found.orders_left} were not planned"))
-    if options and found.quick is not None:
-        compared = f"instead, at full speed ({found.quick.cost.total:z.2f} s)"
-        print_table((compared, "costs more", "outcome"), options)
-
-
-def _print_sum(path: Sequence[Activity]) -> None:
     if path:
         rows = [(f"{lasts:z8.2f} s", words) for lasts, words in in_words(path)]
         print_table((f"{path[-1].end_s:z8.2f} s", "is the sum of"), rows)
+    if found.hidden:
+        rows = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in found.hidden]
+        print_table(("at no cost", "meanwhile"), rows)
+    options = [(other.change, other.price, other.outcome) for other in found.alternatives]
+    if found.orders_left:
+        options.append(("in other orders", "", f"{found.orders_left} were not planned"))
+    if options:
+        compared = "instead, at full speed" if made.problem.drives_gently else "instead"
+        print_table((compared, "costs more", "outcome"), options)
 
 
 def _named_once(name: str, items: Sequence[object]) -> list[tuple[str, str]]:

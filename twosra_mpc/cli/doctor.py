@@ -20,12 +20,11 @@ from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
-from twosra_mpc.installation import DISTRIBUTION, install_command
+from twosra_mpc.installation import DISTRIBUTION, __version__, install_command
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import load_problem
-from twosra_mpc.version import __version__
 
 _NAME, _FLOOR, _EXTRA = r"([\w.-]+)", r"[^;]*>=\s*([\d.]+)", r".*extra\s*==\s*['\"]([^'\"]+)"
 _REQUIREMENT = re.compile(f"{_NAME}(?:{_FLOOR})?(?:{_EXTRA})?")

@@ -16,8 +16,8 @@ from twosra_mpc.checking.plan_file import (
     check_plan,
     checked_text,
     load_plan,
+    refined,
 )
-from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
     ACCEPT_PAPER_WHEELS,
     FILE,
@@ -32,14 +32,13 @@ from twosra_mpc.cli.options import (
 )
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.errors import MISSING, InputError
-from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.files import read_bytes, text_of, write_text
-from twosra_mpc.installation import install_command, require_flint
+from twosra_mpc.installation import install_command, require
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.plans.setpoints import save_authors_csv, save_setpoints
 from twosra_mpc.robot.description import load_robot
 
 if TYPE_CHECKING:
@@ -91,7 +90,7 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
 
 def _with_proof(found: PlanCheck) -> PlanCheck:
     """What was found, and whether the certificate proves its own bound and the one reported."""
-    require_flint()
+    require("--proof", "proof", "python-flint")
     from twosra_mpc.checking.certificate import check
 
     result = found.result

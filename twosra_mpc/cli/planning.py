@@ -13,11 +13,10 @@ import click
 
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
-from twosra_mpc.installation import require_flint
+from twosra_mpc.installation import require
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.single_goal.conclusion import Progress
-from twosra_mpc.plans.headline import above_bound
-from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.plan import Plan, Status, above_bound
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem
@@ -98,7 +97,7 @@ def _prover(problem: Problem) -> Callable[[float], dict[str, Any]]:
     """What makes certificates of a problem, if it can have one and the arithmetic is installed."""
     if problem.planner == "greedy":
         raise click.UsageError("--proof proves a lower bound, and the greedy rule has none")
-    require_flint()
+    require("--proof", "proof", "python-flint")
     from twosra_mpc.planning.proof import Prover
 
     return Prover(problem).certificate
@@ -122,7 +121,7 @@ def _print_summary(result: Result) -> None:
     if (proof := result.certificate) is not None:
         size = f"{len(json.dumps(proof)) / 1e3:z.1f} kB, {len(proof['opened'])} sequences opened"
         rows.append(("certificate", f"proves {proof['bound_s']:z.2f} s anew ({size})"))
-    print_table((result.problem.robot.name, result.planner), rows)
+    print_table((result.problem.robot.name, f"planner {result.planner}"), rows)
 
 
 def _summary(plan: Plan) -> Iterator[tuple[str, str]]:

@@ -151,7 +151,10 @@ def _print_run(simulation: Simulation) -> None:
         advice = f", advised are {1e3 * advised_m:z.3g}" if planned_m < advised_m else ""
         rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:z.3g} mm{advice}"))
     rows += _rows_of_mission(run.problem, found)
-    print_table((run.problem.robot.name, f"{run.executor}, {simulation.disturbance}"), rows)
+    print_table(
+        (run.problem.robot.name, f"executor {run.executor}, disturbance {simulation.disturbance}"),
+        rows,
+    )
     events = [(f"{event.time_s:z.1f} s", event.kind, event.text) for event in run.events]
     print_table(("time", "event", "what"), events)
 

@@ -13,17 +13,20 @@ A frame whose innovation z - (q - g M) is beyond `GATE` of its standard deviatio
 `WILD` besides, is not believed. If the next ones agree with it, the robot was moved: then they are.
 Nor is one believed that is the same as before, to the last digit, although the robot was driven by
 more than `WILD` since: that is a camera that hangs.
+
+`usable` leaves out frames that are of no use at all: a lost frame is better than a wrong one.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.robot_interface import Camera
+from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 
 RESPONSE_DOUBT = 0.5  # standard deviation of a mode's response about 1 before it has moved
@@ -176,3 +179,38 @@ class CameraFilter:
         self.variance = np.maximum(self.variance - gain * here, 0.0)
         self._shared = self._shared - gain * there
         self._doubt = np.maximum(self._doubt - response * there, 0.0)
+
+
+_AHEAD_S = 0.2  # clocks of camera and robot may differ by
+_FAR_M, _BENT_PER_M = 100.0, 1e3  # no robot of this kind goes, or bends, so far: see `Metres`
+
+
+def usable(reading: Reading, newest_s: float) -> Reading:
+    """The reading without frames that are not finite, too far, too old, ahead of time, or no news.
+
+    Args:
+        reading: What was read.
+        newest_s: When the newest frame before it was taken.
+
+    Raises:
+        RobotError: If nobody knows what time it is.
+    """
+    if not np.isfinite(reading.time_s):
+        raise RobotError(f"the robot's clock shows {reading.time_s}")
+    taken_s = reading.taken_s
+    away = np.abs(reading.frames)
+    sound = np.isfinite(taken_s) & np.isfinite(away).all(axis=1)
+    sound &= (away[:, :2] <= _FAR_M).all(axis=1) & (away[:, POSE:] <= _BENT_PER_M).all(axis=1)
+    sound &= (taken_s >= reading.time_s - REMEMBERED_S) & (taken_s <= reading.time_s + _AHEAD_S)
+    newest = np.maximum.accumulate(np.where(sound, taken_s, -np.inf))
+    sound &= taken_s > np.maximum(newest_s, np.concatenate([[-np.inf], newest[:-1]]))
+    return only(reading, sound)
+
+
+def only(reading: Reading, kept: NDArray[np.bool_]) -> Reading:
+    """The reading with these of its frames (k,) alone."""
+    if kept.all():
+        return reading
+    objects = None if reading.objects is None else reading.objects[kept]
+    taken_s, frames = reading.taken_s[kept], reading.frames[kept]
+    return replace(reading, taken_s=taken_s, frames=frames, objects=objects)

@@ -8,19 +8,19 @@ from typing import Literal
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import MeetsItselfError, TooNearError, guard_of
 from twosra_mpc.execution.mission import Mission
 from twosra_mpc.execution.remaining import remaining_problem, tasks_left
-from twosra_mpc.execution.robot_interface import RobotInterface
+from twosra_mpc.execution.robot_interface import RobotInterface, stopped_after
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
-from twosra_mpc.execution.stopping import stopped_after
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.planning.planner import plan as find_plan
@@ -29,7 +29,6 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, sequence_name
-from twosra_mpc.validation import public
 
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 _LONGER = 2  # doublings: two melts of 2sra-v1, after which all of it is liquid

@@ -18,12 +18,11 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import Pulses
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import TooNearError, guard_of
-from twosra_mpc.execution.robot_interface import RobotInterface
+from twosra_mpc.execution.robot_interface import RobotInterface, stopped_after
 from twosra_mpc.execution.run import Ending, Run, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
-from twosra_mpc.execution.stopping import stopped_after
 from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem

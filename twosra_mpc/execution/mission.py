@@ -12,7 +12,7 @@ from collections import Counter
 import numpy as np
 
 from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.hold import cage_of, fitted
+from twosra_mpc.execution.objects_seen import cage_of, fitted
 from twosra_mpc.execution.runner import Abort
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import Patience
@@ -23,9 +23,8 @@ from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.objects import ACCURACY, Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release, Task, carries, grasps
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, wrapped
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.poses import composed, wrapped
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it

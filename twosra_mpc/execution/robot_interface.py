@@ -1,18 +1,21 @@
-"""What a robot must offer to be driven: camera and thermistors to read, wheels and heaters to set.
+"""Interface of robots: camera and thermistors to read, wheels and heaters to set, and their stop.
 
-An executor knows nothing else of the robot it drives, simulated or real.
+An executor knows nothing else of the robot it drives, simulated or real. `stopped_after` is a stop
+that always happens: whatever ends a run, the last command is wheels zero, heaters off.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import TwosraError
-from twosra_mpc.robot.coordinates import Array, Coordinates
+from twosra_mpc.interrupts import Interrupts, deferred_interrupts, raised_interrupts
+from twosra_mpc.robot.coordinates import WHEELS, Array, Coordinates
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.validation import ArrayValue
 
@@ -86,17 +89,22 @@ class Reading(ArrayValue):
 class RobotInterface(Protocol):
     """A robot, and what sees and measures it.
 
+    A class of this shape is one. A subclass has ``robot`` and ``camera`` as properties, or declares
+    them as attributes: ``robot: Robot``.
+
     Raises:
         RobotError: By any of its methods, if it cannot be driven any more.
     """
 
-    @property
-    def robot(self) -> Robot:
-        """The robot as its owner describes it; only plans for this one are run."""
+    if TYPE_CHECKING:  # only read; at run time a property here would keep subclasses from setting
 
-    @property
-    def camera(self) -> Camera:
-        """What is known about its camera; commands are given at the camera's rate."""
+        @property
+        def robot(self) -> Robot:
+            """The robot as its owner describes it; only plans for this one are run."""
+
+        @property
+        def camera(self) -> Camera:
+            """What is known about its camera; commands are given at the camera's rate."""
 
     def read(self) -> Reading:
         """Return what is known now; does not wait."""
@@ -110,3 +118,50 @@ class RobotInterface(Protocol):
 
     def wait(self, at_most_s: float) -> None:
         """Let so much time pass; a robot at rest may return earlier, for there may be news."""
+
+
+_UNTOLD = "the robot could NOT be told to stop: switch it off"
+_TRIES = 5  # a line can fail once, and a driver too
+
+Driven = TypeVar("Driven")
+
+
+def stopped_after(robot: RobotInterface, drive: Callable[[Interrupts], Driven]) -> Driven:
+    """Drive a robot and stop it, however the drive ends; no number of signals cuts that short.
+
+    The first signal that would end the program raises KeyboardInterrupt in the drive, as Ctrl-C
+    does; later ones are only noted. The drive should check the interrupts it is given from time to
+    time: a library may swallow the exception, or make another error of it. That the robot could
+    not be told to stop is a note to the error that ended the drive.
+
+    Raises:
+        RobotError: If nothing else went wrong but the stop.
+    """
+    with raised_interrupts() as interrupts:
+        try:
+            try:
+                driven = drive(interrupts)
+            finally:  # from here on no signal raises: the only one that may has been or is caught
+                interrupts.held = True
+        except BaseException as error:
+            if (untold := _stop(robot)) is not None:
+                error.add_note(f"{untold}; {_UNTOLD}")
+            interrupts.check()
+            raise
+        if (untold := _stop(robot)) is not None:
+            raise RobotError(f"{untold}; {_UNTOLD}") from untold
+        return driven
+
+
+def _stop(robot: RobotInterface) -> Exception | None:
+    """Send wheels zero and heaters off until that goes through; the last error if it never does."""
+    failure: Exception | None = None
+    off_C = np.full(robot.robot.coordinates.segments, robot.robot.heater.rigid_setpoint_C)
+    with deferred_interrupts():
+        for _ in range(_TRIES):
+            try:
+                robot.send(np.zeros(WHEELS), off_C)
+                return None
+            except Exception as error:  # whatever it is, the next try may get through
+                failure = error
+    return failure

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.installation import __version__
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
@@ -15,7 +16,6 @@ from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.validation import ArrayValue
-from twosra_mpc.version import __version__
 
 EventKind = Literal[
     "plan", "drive", "confirmed", "look", "task", "correct", "replan", "failure", "end"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.run import (
     FORMAT,
@@ -28,7 +29,6 @@ from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import embedded_problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import public
 
 SAVED_EVERY_S = 10.0  # of a run under way, whenever it stands: a power cut costs no more
 _SHARE = 0.02  # of the time, at most, is spent on that

@@ -10,9 +10,8 @@ import numpy as np
 
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution import run
-from twosra_mpc.execution.camera_filter import COASTING, CameraFilter
+from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt, DoubtError
-from twosra_mpc.execution.frames import only, usable
 from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
 from twosra_mpc.execution.objects_seen import ObjectsSeen
 from twosra_mpc.execution.robot_interface import Reading, RobotError, RobotInterface

@@ -13,19 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.checking.resampling import refined
-from twosra_mpc.errors import InputError
-from twosra_mpc.export.changes import changed
+from twosra_mpc.arguments import public
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.files import check_writable, write_bytes
-from twosra_mpc.installation import install_command
+from twosra_mpc.installation import require
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.setpoints import columns
+from twosra_mpc.plans.setpoints import changed, columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import public
 
 SCENE, FRAMES, AROUND, OBJECTS = "/robot", "/tf", "/surroundings", "/objects"
 TABLES = {  # topic -> what it says, how the names of its columns begin
@@ -56,21 +54,18 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         NoPlanError: If the plan is not verified.
         InputError: If foxglove-sdk is not installed, or the rate or the path is not acceptable.
     """
-    try:
-        import foxglove
-        from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
+    require("a file for Foxglove (.mcap)", "mcap", "foxglove-sdk")
+    import foxglove
+    from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
 
-        from twosra_mpc.export.foxglove_messages import (
-            frames,
-            nanoseconds,
-            objects,
-            scene,
-            surroundings,
-        )
-    except ImportError as error:
-        install = install_command("mcap")
-        allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
-        raise InputError("output", str(path), allowed) from error
+    from twosra_mpc.export.foxglove_messages import (
+        frames,
+        nanoseconds,
+        objects,
+        scene,
+        surroundings,
+    )
+
     shown = plan.require() if rate_Hz is None else refined(plan, rate_Hz).require()
     held = shown.trajectory.held()
     context, memory = foxglove.Context(), io.BytesIO()  # a full disk is then an error like any

@@ -21,16 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.resampling import refined
-from twosra_mpc.errors import InputError
-from twosra_mpc.export.changes import changed
+from twosra_mpc.arguments import public
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.files import check_writable, write_bytes
-from twosra_mpc.installation import install_command
+from twosra_mpc.installation import require
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.validation import public
 
 WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
@@ -88,11 +87,9 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
         NoPlanError: If the plan is not verified.
         InputError: If mcap-ros2-support is not installed, or rate or path are not acceptable.
     """
-    try:
-        from mcap_ros2.writer import Writer
-    except ImportError as error:
-        allowed = f"any file once mcap-ros2-support is installed: {install_command('ros')}"
-        raise InputError("output", str(path), allowed) from error
+    require("a bag for ROS 2", "ros", "mcap-ros2-support")
+    from mcap_ros2.writer import Writer
+
     shown = plan.require() if rate_Hz is None else refined(plan, rate_Hz).require()
     check_writable(path)
     memory = io.BytesIO()

@@ -31,8 +31,9 @@ def bending_coordinates(body: Body, segment: int, kappa: Array) -> Array:
     edges = np.minimum(_PANELS, np.abs(kappa)[:, None] * body.geometry.lengths_m[segment])
     half = np.diff(edges)[..., None] / 2
     points = edges[:, :-1, None] + half * (1 + _NODES)
-    (values,) = by_rows(_density(body, segment), points.reshape(-1, len(_NODES)))
-    parts = half * _WEIGHTS * values.reshape(points.shape)
+    values, used = np.zeros(points.shape), half[..., 0] > 0
+    (values[used],) = by_rows(_density(body, segment), points[used])
+    parts = half * _WEIGHTS * values
     found: Array = np.sign(kappa) * parts.sum(axis=(1, 2))
     return found
 

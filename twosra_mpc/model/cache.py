@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache, partial, update_wrapper
 from typing import Concatenate, ParamSpec, TypeVar
-from weakref import WeakKeyDictionary
+from weakref import ref
 
 import casadi as ca
 
@@ -64,17 +64,17 @@ def per_function(
     def decorate(
         make: Callable[Concatenate[ca.Function, Arguments], Made],
     ) -> Callable[Concatenate[ca.Function, Arguments], Made]:
-        kept: WeakKeyDictionary[ca.Function, Callable[Arguments, Made]] = WeakKeyDictionary()
+        kept: dict[int, tuple[ref[ca.Function], Callable[Arguments, Made]]] = {}  # by identity
 
         def of_function(
             function: ca.Function, /, *args: Arguments.args, **kwargs: Arguments.kwargs
         ) -> Made:
-            try:
-                own = kept[function]
-            except KeyError:
+            name = id(function)
+            if name not in kept:
                 same = ca.Function(function)  # another name of it, so that this one is let go
-                own = kept[function] = lru_cache(each)(partial(make, same))  # type: ignore[assignment]
-            return own(*args, **kwargs)
+                own: Callable[Arguments, Made] = lru_cache(each)(partial(make, same))  # type: ignore[assignment]
+                kept[name] = ref(function, lambda _: kept.pop(name)), own
+            return kept[name][1](*args, **kwargs)
 
         return update_wrapper(of_function, make)
 

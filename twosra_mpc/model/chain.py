@@ -70,4 +70,4 @@ def wheel_poses(geometry: Geometry) -> ca.Function:
     units = [
         composed(fibre_end_pose(geometry, q, i), placement[:, 2 * i : 2 * i + 2]) for i in (0, 1)
     ]
-    return ca.Function("wheel_poses", [q], [ca.horzcat(*units)])
+    return ca.Function("wheel_poses", [q], [ca.horzcat(*units)], ["q"], ["poses"])

@@ -14,22 +14,69 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twosra_mpc.arguments import made, public
+from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import wheel_pose_matrix, wheel_poses
 from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
-from twosra_mpc.robot.description import Body
+from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
 
 
+class ModelFunction(ca.Function):
+    """A compiled function that says which of its arguments q, sigma and kappa does not fit."""
+
+    if not TYPE_CHECKING:  # the types are CasADi's
+
+        def __call__(self, *args: Any) -> Any:
+            """Values of the function, of numbers or of symbols.
+
+            Raises:
+                InputError: If an argument is missing, has another size, or is no mode.
+            """
+            names = self.name_in()
+            if len(args) != len(names):
+                raise InputError(self.name(), args, f"the arguments {' and '.join(names)}")
+            for place, (name, given) in enumerate(zip(names, args, strict=True)):
+                _check_size(name, given, self.size1_in(place))
+            return super().__call__(*args)
+
+
+def _check_size(name: str, given: Any, size: int) -> None:
+    """Refuse what has not so many values, or a mode of anything but 1 and 0; symbols have a size.
+
+    Raises:
+        InputError: Says what the values are.
+    """
+    symbols = isinstance(given, ca.SX | ca.MX)
+    try:
+        values = None if symbols else np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise InputError(name, given, _VALUES[name].format(size, size - POSE)) from None
+    shape = given.shape if values is None else values.shape
+    is_mode = name != "sigma" or values is None or np.isin(values, (0, 1)).all()
+    if shape not in ((size,), (size, 1)) or not is_mode:
+        raise InputError(name, given, _VALUES[name].format(size, size - POSE))
+
+
+_VALUES = {
+    "q": "{} numbers: x_m, y_m, phi_rad and the curvatures of {} segments in 1/m",
+    "sigma": "a mode: {} values, for each segment 1 (soft) or 0 (rigid)",
+    "kappa": "{} numbers: the curvature of each segment in 1/m",
+    "wheel_rad_s": "{} numbers: the speed of each wheel in rad/s",
+}
+
+
+@made
 @dataclass(frozen=True)
 class Kinematics:
     """Kinematics of a robot of n segments, as CasADi functions of numbers or of symbols.
@@ -41,7 +88,8 @@ class Kinematics:
     Then q' = J(q, sigma) v, and the four wheels turn at omega = V(q, sigma) v (rad/s).
 
     Called with numbers, a function returns a CasADi matrix: ``.full()`` makes it an array. Called
-    with CasADi symbols, it returns an expression, which can be differentiated.
+    with CasADi symbols, it returns an expression, which can be differentiated. An argument that
+    does not fit is an ``InputError``.
 
     Attributes:
         jacobian: (q, sigma) -> J, the hybrid Jacobian, (3 + n) x 5.
@@ -54,11 +102,11 @@ class Kinematics:
         wheel_poses: q -> poses of the wheels in b0, 3 x 4, columns (x, y, psi) [m, m, rad].
     """
 
-    jacobian: ca.Function
-    wheel_matrix: ca.Function
-    wheel_map: ca.Function
-    shared: ca.Function
-    wheel_poses: ca.Function
+    jacobian: ModelFunction
+    wheel_matrix: ModelFunction
+    wheel_map: ModelFunction
+    shared: ModelFunction
+    wheel_poses: ModelFunction
 
     def inputs(self, q: ArrayLike, sigma: ArrayLike, wheel_rad_s: ArrayLike) -> Array:
         """Inputs v = V+ omega of wheel speeds, by the Moore-Penrose inverse.
@@ -73,8 +121,13 @@ class Kinematics:
 
         Returns:
             v = (v1, v2, u0, v0, r0) in m/s, m/s, m/s, m/s, rad/s; (5,).
+
+        Raises:
+            InputError: If an argument has another size, or is no mode.
         """
-        matrix = self.wheel_matrix(np.asarray(q, float), np.asarray(sigma, float)).full()
+        _check_size("wheel_rad_s", wheel_rad_s, WHEELS)
+        given: Any = (q, sigma)  # checked by what is called
+        matrix = self.wheel_matrix(*given).full()
         found: Array = np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)
         return found
 
@@ -97,31 +150,36 @@ class InPlace:
             self._memory.set_res(place, memoryview(array.data))
 
 
+@public
 @per_body()
-def kinematics(body: Body) -> Kinematics:
+def kinematics(robot: Robot | Body) -> Kinematics:
     """Write down the kinematics of a robot and compile it; kept, so that asking again is free.
 
     Args:
-        body: A robot, or what its motion depends on.
+        robot: A robot, or what its motion depends on (``robot.body``).
+
+    Raises:
+        InputError: If it is something else.
     """
-    segments = body.geometry.segments
+    segments = robot.geometry.segments
     q, sigma = ca.SX.sym("q", POSE + segments), ca.SX.sym("sigma", segments)
-    path = path_model(body)
-    jacobian = hybrid_jacobian(body.geometry, path, q, sigma)
-    wheel_map = exact_wheel_map(body.geometry)
+    path = path_model(robot)
+    jacobian = hybrid_jacobian(robot.geometry, path, q, sigma)
+    wheel_map = exact_wheel_map(robot.geometry)
     if path.wheel_map == "exact":
         wheels = wheel_map(q[POSE:]) @ _body_rates(q, jacobian)
     else:
-        wheels = wheel_configuration(body.geometry, q, sigma)
+        wheels = wheel_configuration(robot.geometry, q, sigma)
     both = [ca.densify(jacobian), ca.densify(wheels)]
-    shared = ca.Function("kinematics", [q, sigma], both, {"cse": True})
+    names = ["q", "sigma"], ["J", "V"]
+    shared = ca.Function("kinematics", [q, sigma], both, *names, {"cse": True})
     jacobian, wheels = shared(q, sigma)
     return Kinematics(
-        jacobian=ca.Function("J", [q, sigma], [jacobian], ["q", "sigma"], ["J"]),
-        wheel_matrix=ca.Function("V", [q, sigma], [wheels], ["q", "sigma"], ["V"]),
-        wheel_map=wheel_map,
-        shared=shared,
-        wheel_poses=wheel_poses(body.geometry),
+        jacobian=ModelFunction(ca.Function("J", [q, sigma], [jacobian], ["q", "sigma"], ["J"])),
+        wheel_matrix=ModelFunction(ca.Function("V", [q, sigma], [wheels], ["q", "sigma"], ["V"])),
+        wheel_map=ModelFunction(wheel_map),
+        shared=ModelFunction(shared),
+        wheel_poses=ModelFunction(wheel_poses(robot.geometry)),
     )
 
 

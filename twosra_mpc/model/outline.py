@@ -9,19 +9,20 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twosra_mpc.arguments import made, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import BODIES
 from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed, wheel_pose_matrix
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.validation import public
 
 FEW_POINTS = 7  # along a segment
 
 _CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
 
 
+@made
 class RobotShape(NamedTuple):
     """The robot in the plane [m, rad]; leading axes are those of the configurations.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 
-_BLOCK = 256  # rows at once: a function for so many rows weighs as much as their arrays
+_BLOCK = 64  # rows at once: a function for so many rows weighs as much as their arrays
 
 
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
@@ -19,11 +21,11 @@ def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Arr
     count = len(rows[0])
     if not count:
         return [np.empty((0, function.numel_out(i))) for i in range(function.n_out())]
-    block = min(count, _BLOCK)
+    block = math.ceil(count / math.ceil(count / _BLOCK))  # all alike
     idle = _idle(function, block)
     ready = idle.pop() if idle else _Ready(function, block)
     values = [np.empty((count, each.shape[1])) for each in ready.writes]
-    for first in range(0, count, _BLOCK):
+    for first in range(0, count, block):
         at = slice(min(first, count - block), min(first, count - block) + block)  # ends with rows
         for own, given in zip(ready.reads, rows, strict=True):
             own[:] = given[at]
@@ -38,8 +40,11 @@ def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Ar
     """As ``by_rows``, where the last array says the mode of each row."""
     *given, modes = rows
     codes = modes @ (1 << np.arange(modes.shape[1]))
+    kinds = set(codes.tolist())
+    if len(kinds) == 1:
+        return by_rows(in_mode(function, tuple(modes[0].tolist())), *given)
     values = [np.empty((len(codes), function.numel_out(i))) for i in range(function.n_out())]
-    for code in set(codes.tolist()):
+    for code in kinds:
         at = np.flatnonzero(codes == code)
         own = in_mode(function, tuple(modes[at[0]].tolist()))
         for whole, found in zip(values, by_rows(own, *(each[at] for each in given)), strict=True):

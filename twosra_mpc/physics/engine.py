@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError, TwosraError
-from twosra_mpc.installation import require_mujoco
+from twosra_mpc.installation import require
 from twosra_mpc.physics.mjcf import HINGES, SERVO_N_M_PER_RAD, SERVO_N_M_S, STEP_S, mjcf
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
@@ -72,7 +72,7 @@ class Engine:
             InputError: If MuJoCo is not installed, or the wheels cannot carry the robot.
             DivergedError: If the start cannot be simulated.
         """
-        require_mujoco("plant")
+        require("plant mujoco", "physics", "mujoco")
         import mujoco  # type: ignore[import-untyped]
 
         mujoco.set_mju_user_warning(lambda text: None)  # else it writes a log file; see `roll`

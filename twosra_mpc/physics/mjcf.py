@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
@@ -20,7 +21,6 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.physics import Physics
 from twosra_mpc.space.convex import convex_parts
-from twosra_mpc.validation import public
 
 HINGES = 8  # of a segment
 STEP_S = 0.0015

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.model.flow import roll_out
@@ -45,7 +46,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
-from twosra_mpc.validation import public
 
 # Of the first look for a plan of several stages; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5

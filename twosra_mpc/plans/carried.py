@@ -8,8 +8,7 @@ import numpy as np
 
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.tasks import grasps
-from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 
 
 class Carried(NamedTuple):

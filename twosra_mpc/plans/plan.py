@@ -1,4 +1,8 @@
-"""The plan: a motion on the clock with its cost, its verification and its proof; always whole."""
+"""The plan: a motion on the clock with its cost, its verification and its proof; always whole.
+
+`headline` and `quality` say in words what the search proved, and what the plan is slower on
+purpose.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from twosra_mpc.arguments import made
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
@@ -73,6 +78,7 @@ class Verification:
         return {**vars(self), **written, "problems": list(self.problems)}
 
 
+@made
 @dataclass(frozen=True, eq=False)
 class Plan(ArrayValue):
     """A plan: what happens at any time, what it costs, and what is proved of it.
@@ -172,7 +178,7 @@ class Plan(ArrayValue):
         return self
 
     def __str__(self) -> str:
-        from twosra_mpc.plans.headline import headline  # which is about plans
+        from twosra_mpc.plans.plan import headline  # which is about plans
 
         return f"{sequence_name(self.sequence)}: {headline(self)}"
 
@@ -209,3 +215,51 @@ def _gap(cost: float | None, lower_bound: float | None) -> float | None:
     if cost is None or lower_bound is None:
         return None
     return max(0.0, (cost - lower_bound) / cost) if cost else 0.0
+
+
+_ROUNDING = 1e-5  # of a cost: no smaller gap is claimed in words
+
+
+def percent(share: float) -> str:
+    """Write a share in per cent with two digits that count, and a tiny one as what it is below."""
+    return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:z.2g}'):zg} %"
+
+
+def quality(plan: Plan) -> str:
+    """Say how near to the best possible a plan is, and what it would cost at full speed.
+
+    E.g. "driven gently; at full speed 338.0 s, proved within 0.006 % of the best".
+    """
+    if plan.lower_bound is None or plan.gap is None:
+        return "no bound proved"
+    if not plan.slower_by or plan.fastest_cost is None or plan.search_gap is None:
+        return within(plan.gap)
+    quickest = f"{_costs(plan)}{plan.fastest_cost:z.1f} s"
+    return f"driven gently; at full speed {quickest}, {within(plan.search_gap)}"
+
+
+def headline(plan: Plan) -> str:
+    """Say what a plan costs, and how good that is, in a line without its modes."""
+    known = f"by the {plan.planner} rule" if plan.lower_bound is None else quality(plan)
+    comma = " " if plan.lower_bound is None else ", "
+    return f"{_costs(plan)}{plan.cost.total:z.1f} s{comma}{known}"
+
+
+def above_bound(plan: Plan) -> str:
+    """Say how much above the lower bound a plan is, and how much of it on purpose."""
+    if plan.lower_bound is None:
+        return ""
+    above = f"{max(plan.cost.total - plan.lower_bound, 0.0):z.2f} s above it"
+    if not plan.slower_by:
+        return above
+    return f"{above}, {plan.slower_by:z.2f} s of them on purpose"
+
+
+def within(gap: float) -> str:
+    """Say that no plan is better by more than a relative gap; rounding is counted as a gap."""
+    return f"proved within {percent(max(gap, _ROUNDING))} of the best"
+
+
+def _costs(plan: Plan) -> str:
+    """What is put before a number of seconds that is not only time."""
+    return "cost " if any(plan.problem.weights.model_dump().values()) else ""

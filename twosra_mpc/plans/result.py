@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from twosra_mpc.arguments import made, public
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
+from twosra_mpc.installation import __version__
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import FORMAT, Problem
 from twosra_mpc.validation import ArrayValue
-from twosra_mpc.version import __version__
 
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
 
@@ -45,6 +46,7 @@ class Stats:
     first_plan_work: float | None = None
 
 
+@made
 @dataclass(frozen=True, eq=False)
 class Result(ArrayValue):
     """The outcome of planning.
@@ -103,7 +105,8 @@ class Result(ArrayValue):
         Raises:
             AttributeError: Always; a result has no further attributes.
         """
-        hint = f"; result.require().{name} is the plan's" if hasattr(Plan, name) else ""
+        of_plan = name in {*dir(Plan), *Plan.__dataclass_fields__}
+        hint = f"; result.require().{name} is the plan's" if of_plan else ""
         raise AttributeError(f"a Result has no {name}{hint}", name=name, obj=self)
 
     def __repr__(self) -> str:
@@ -136,6 +139,7 @@ class Result(ArrayValue):
             **({} if self.certificate is None else {"certificate": self.certificate}),
         }
 
+    @public
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, atomically.
 

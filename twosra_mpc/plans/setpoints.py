@@ -1,18 +1,36 @@
-"""The set-points of a plan as a table, on its own grid or at a regular rate."""
+"""The set-points of a plan as a table, on its own grid or at a regular rate, and as CSV.
+
+Logs do not repeat themselves: `changed` tells the rows that say something new.
+"""
 
 from __future__ import annotations
 
+import csv
 import io
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.validation import public
+
+
+def changed(table: Array, step: ArrayLike = 0.0) -> NDArray[np.bool_]:
+    """Rows that differ from the last one kept by more than ``step`` in any column; the first, too.
+
+    Args:
+        table: (rows, columns).
+        step: Largest difference that is not told, of each column.
+    """
+    new, kept = np.zeros(len(table), dtype=bool), np.full(table.shape[1], np.inf)
+    for row, values in enumerate(table):
+        if row == 0 or (np.abs(values - kept) > step).any():
+            new[row], kept = True, values
+    return new
 
 
 def rows(samples: Samples) -> tuple[list[str], Array]:
@@ -54,4 +72,33 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
     names, table = rows(plan.require().trajectory.held(rate_Hz))
     text, formats = io.StringIO(), ["%d" if name.startswith("mode") else "%s" for name in names]
     np.savetxt(text, table + 0.0, formats, delimiter=",", header=",".join(names), comments="")
+    write_text(path, text.getvalue())
+
+
+@public
+def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
+    """Write configuration, input and stiffness of a plan, one row a sample, atomically.
+
+    Units are SI: m, rad, 1/m, m/s, rad/s, s. Inputs and stiffness hold from their row to the next.
+
+    Args:
+        plan: The plan.
+        path: Where to write it.
+        rate_Hz: Rows per second, besides those where phases begin and end; default: the plan's
+            own grid.
+
+    Raises:
+        NoPlanError: If the plan is not verified.
+        InputError: If the rate or the path is not acceptable.
+    """
+    samples = plan.require().trajectory.held(rate_Hz)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    numbers = range(1, plan.robot.geometry.segments + 1)
+    curvatures, modes = ([f"{letter}{j}" for j in numbers] for letter in "ks")
+    inputs = ("v1", "v2", "u0", "v0", "r0")
+    writer.writerow(["x", "y", "angle", *curvatures, *inputs, *modes, "time"])
+    columns = (samples.q + 0.0, samples.v + 0.0, samples.mode, samples.t_s)
+    for q, v, mode, time_s in zip(*(column.tolist() for column in columns), strict=True):
+        writer.writerow((*q, *v, *mode, time_s))
     write_text(path, text.getvalue())

@@ -15,6 +15,7 @@ from twosra_mpc.model import flow
 from twosra_mpc.model.flow import screws
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_rows
+from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -204,6 +205,12 @@ class Trajectory(ArrayValue):
         held, at = self.samples, np.arange(len(self.samples) - 1)
         v = self._input(at, np.diff(held.t_s))
         return wheel_speeds(self.problem.robot, held.q[1:], v, held.mode[:-1])
+
+    @cached_property
+    def driven(self) -> Driven:
+        """Speeds and accelerations where the samples move: their limits, wheels and effort."""
+        held, dt_s = self.samples, np.append(np.diff(self.samples.t_s), 0.0)
+        return driven(self.problem.robot, held.q, held.v, held.a, dt_s, held.mode)
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+import twosra_mpc.plotting.quiet  # noqa: F401  # first: matplotlib speaks when it is imported
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting.figures import (
     CHANGING_COLOUR,

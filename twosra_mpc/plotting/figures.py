@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_bytes
+from twosra_mpc.plotting.labels import settle_all
 
 RIGID_COLOUR = "#2a6fbb"
 SOFT_COLOUR = "#c8202f"
@@ -65,6 +66,28 @@ STATES: dict[str, dict[str, Any]] = {
 }
 
 
+_THINNER = 0.75  # is each curve than the one that it may lie over
+_DASHES = {"--": 0.28, ":": 0.12}  # width of those, of that of their curve; dots lie over dashes
+
+
+def curve(number: int, dashes: str = "-") -> dict[str, Any]:
+    """Look of one of several curves, counted from 0 and drawn in this order.
+
+    Each is thinner than those that it may lie over, and dashes have white gaps: where curves are
+    equal, all of them are seen.
+    """
+    width = 3.4 * _THINNER**number
+    if dashes == "-":
+        return {"lw": width, "zorder": 2.0}
+    thin = _DASHES[dashes]
+    return {"lw": thin * width, "ls": dashes, "gapcolor": "white", "zorder": 2.5 - thin}
+
+
+def segment_curve(segment: int, dashes: str = "-") -> dict[str, Any]:
+    """Look of the curve of a segment (from 0), as `curve`."""
+    return {"color": SEGMENT_COLOURS[segment], **curve(segment, dashes)}
+
+
 @contextmanager
 def styled_figure(size_in: tuple[float, float], path: str | Path | None) -> Iterator[Figure]:
     """Yield an empty figure to draw on; at the end it is written to ``path``, if there is one.
@@ -85,6 +108,7 @@ def styled_figure(size_in: tuple[float, float], path: str | Path | None) -> Iter
         yield figure
         for ax in figure.axes:
             ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
+        settle_all(figure)
         if path is not None:
             save_figure(figure, path)
 

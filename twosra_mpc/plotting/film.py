@@ -20,6 +20,7 @@ from matplotlib.animation import FFMpegWriter, writers
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.plans.plan import Plan
@@ -27,7 +28,6 @@ from twosra_mpc.plotting.figures import PALETTE, STYLE
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.validation import public
 
 FRAMES_PER_S = 12.5  # a GIF counts in hundredths of a second
 LAST_FRAME_S = 2.5  # how long the end is shown

@@ -20,6 +20,7 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.stages import Stage
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.plotting import figures, plane
+from twosra_mpc.plotting.labels import label
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
@@ -166,9 +167,8 @@ def _name(ax: Axes, name: str, at: Array, way: Array, colour: Any, size_pt: floa
     side = ("center", "left", "right")[round(way[0])]
     level = ("center", "bottom", "top")[round(way[1])]
     words: dict[str, Any] = {"ha": side, "va": level, "fontsize": size_pt, "color": colour}
-    words |= {"textcoords": "offset points", "zorder": 8.5, "clip_on": True}
-    words |= {"bbox": figures.BEHIND_WORDS}
-    return ax.annotate(name, at.tolist(), (_BESIDE_PT * way).tolist(), **words)
+    words |= {"zorder": 8.5, "bbox": figures.BEHIND_WORDS}
+    return label(ax, name, at, _BESIDE_PT * way, **words)
 
 
 def draw_targets(ax: Axes, problem: Problem, aims: Sequence[tuple[int, Array]]) -> None:
@@ -250,7 +250,7 @@ def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stage]) -> No
     round_box = {"boxstyle": "round,pad=0.25", "fc": "white", "ec": figures.STAGE_COLOUR, "lw": 1.0}
     for place, numbers in marks:
         words: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 8}
-        ax.annotate(numbers, place.tolist(), color=figures.STAGE_COLOUR, bbox=round_box, **words)
+        label(ax, numbers, place, color=figures.STAGE_COLOUR, bbox=round_box, **words)
 
 
 def legend_entries(problem: Problem) -> dict[str, Any]:

@@ -13,12 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.headline import quality
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.plan import Plan, quality
 from twosra_mpc.plans.stages import Stage, stages
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase, Samples
@@ -26,7 +26,6 @@ from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
-from twosra_mpc.validation import public
 
 WIDTH_IN = 10.0
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
@@ -64,7 +63,7 @@ def plan_title(plan: Plan) -> str:
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
     if each := stages(plan.trajectory):
         sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
-    planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
+    planner = "" if plan.planner == "optimal" else f"planner {plan.planner}, "
     return f"{sequence} in {plan.duration_s:z.1f} s: {planner}{plan.status}\n{quality(plan)}"
 
 
@@ -289,7 +288,7 @@ def plot_snapshots(
             **object_figures.legend_entries(plan.problem),
             **world_figures.legend_entries(plan.problem, None),
         }
-        plane.legend_below(figure, entries, 5)
+        plane.legend_below(figure, entries, 6)
     return figure
 
 
@@ -341,6 +340,7 @@ def _telling_times(plan: Plan) -> list[float]:
     return [t for t, before in zip(edges, [-np.inf, *edges], strict=False) if t - before > 1e-6]
 
 
+@public
 def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None = None) -> Figure:
     """Draw plans on one time axis: a block a problem, in it a row a plan.
 

@@ -13,11 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.validation import public
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
 _COLOURS = {  # (soft, changing)

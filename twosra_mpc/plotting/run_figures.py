@@ -16,6 +16,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
@@ -26,7 +27,6 @@ from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.validation import public
 
 Record = RunLog | Truth
 
@@ -141,8 +141,8 @@ def _within(time_s: Array, start_s: float, end_s: float) -> NDArray[np.bool_]:
 def _draw_paths(ax: Axes, run: Run, record: Record, start_s: float, end_s: float) -> None:
     """Paths of the units' centres and of the middle link: executed, and dashed as planned."""
     styles: tuple[tuple[Array, dict[str, Any]], ...] = (
-        (_planned(run, start_s, end_s), {"ls": "--", "lw": 1.0, "alpha": 0.8}),
-        (record.q[_within(record.time_s, start_s, end_s)], {"ls": "-", "lw": 1.5}),
+        (record.q[_within(record.time_s, start_s, end_s)], {"lw": 2.0}),
+        (_planned(run, start_s, end_s), {"lw": 0.9, "ls": "--", "gapcolor": "white"}),
     )
     for rows, style in styles:
         centres = robot_shape(run.problem.robot.geometry, rows, 2).centres
@@ -203,8 +203,9 @@ def _draw_curvatures(ax: Axes, run: Run, record: Record) -> None:
     for j, colour in enumerate(figures.SEGMENT_COLOURS[: record.q.shape[1] - POSE]):
         seen: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "alpha": 0.35, "mew": 0}
         ax.plot(log.time_s, log.measured[:, POSE + j], c=colour, **seen)
-        ax.plot(log.time_s, log.planned[:, POSE + j], c=colour, lw=1.1, ls="--")
-        ax.plot(record.time_s, record.q[:, POSE + j], c=colour, lw=1.5, label=rf"$\kappa_{j + 1}$")
+        look: dict[str, Any] = {"label": rf"$\kappa_{j + 1}$", **figures.segment_curve(j)}
+        ax.plot(record.time_s, record.q[:, POSE + j], **look)
+        ax.plot(log.time_s, log.planned[:, POSE + j], **figures.segment_curve(j, "--"))
     if run.plans:
         ax.plot([], [], c=figures.PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
     ax.plot([], [], c=figures.PLANNED_COLOUR, ls="", marker=".", alpha=0.6, label="camera")
@@ -220,8 +221,9 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
         "heading": (np.abs(errors[:, 2]), figures.SEGMENT_COLOURS[0]),
         "curvatures": (np.abs(errors[:, POSE:]).max(axis=1), figures.SOFT_COLOUR),
     }
-    for name, (distance, colour) in parts.items():
-        ax.plot(record.time_s, np.maximum(distance, 1e-3), c=colour, lw=1.3, label=name)
+    for number, (name, (distance, colour)) in enumerate(parts.items()):
+        look: dict[str, Any] = {"c": colour, "label": name, **figures.curve(number)}
+        ax.plot(record.time_s, np.maximum(distance, 1e-3), **look)
     position, heading = 1e3 * run.accuracy.position_m, math.degrees(run.accuracy.heading_rad)
     label = f"{position:zg} mm, {heading:z.3g}°, {run.accuracy.curvature_per_m:zg} 1/m"
     ax.axhline(1.0, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=label)
@@ -234,12 +236,12 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
 def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
     log, problem = run.log, run.problem
     timeline_figures.mark_melting(ax, problem.stiffness_thresholds_C)
-    for j, colour in enumerate(figures.SEGMENT_COLOURS[: log.stiffness.shape[1]]):
-        warm, label = record.temperature_C[:, j], f"segment {j + 1}"
-        ax.plot(record.time_s, warm, c=colour, lw=1.5, label=label)
+    for j, warm in enumerate(record.temperature_C.T):
+        ax.plot(record.time_s, warm, label=f"segment {j + 1}", **figures.segment_curve(j))
         if record is not log:
-            ax.plot(log.time_s, log.temperature_C[:, j], c=colour, lw=0.9, ls=":")
-        ax.step(log.time_s, log.setpoint_C[:, j], where="post", c=colour, lw=0.9, ls="--")
+            ax.plot(log.time_s, log.temperature_C[:, j], **figures.segment_curve(j, ":"))
+        setpoint = log.setpoint_C[:, j]
+        ax.step(log.time_s, setpoint, where="post", **figures.segment_curve(j, "--"))
     if record is not log:
         ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls=":", label="by the sensor")
     ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls="--", label="set-point")

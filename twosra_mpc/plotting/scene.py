@@ -14,12 +14,14 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import soft_and_changing
 from twosra_mpc.plotting import figures
+from twosra_mpc.plotting.labels import settle
 from twosra_mpc.plotting.object_figures import draw_contacts, draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import (
     DASHED,
@@ -84,11 +86,13 @@ class Scene:
             self._objects,
             self._robot,
             self._trails,
+            self._nearest,
             self._words,
             self._columns,
             self._progress,
         )
         self._moving = list(chain.from_iterable(part(row) for part in parts))
+        settle(self._plane)
 
     def image(self, row: int) -> Image.Image:
         """Move to a row, and return a picture of it; only what moves is drawn."""
@@ -123,6 +127,13 @@ class Scene:
         for path, colour in zip((first, second, link), colours, strict=True):
             artists += self._plane.plot(*path.T, c=colour, lw=1.3, zorder=2)
         return artists
+
+    def _nearest(self, row: int) -> list[Artist]:
+        """Where the robot came nearest to an obstacle, once it has."""
+        nearest = self._playback.nearest
+        if nearest is None or self._playback.time_s[row] < nearest.at_s:
+            return []
+        return draw_nearest(self._plane, nearest)
 
     def _words(self, row: int) -> list[Artist]:
         playback, time_s, doing = self._playback, float(self._playback.time_s[row]), self._ending
@@ -168,8 +179,9 @@ class Scene:
         """What is done, over time."""
         playback, artists = self._playback, list[Artist]()
         done = playback.time_s[: row + 1]
-        for warm, colour in zip(playback.temperature_C.T, figures.SEGMENT_COLOURS, strict=False):
-            artists += self._curves.plot(done, warm[: row + 1], c=colour, lw=2.0, zorder=5)
+        for j, warm in enumerate(playback.temperature_C.T):
+            look = {**figures.segment_curve(j), "zorder": 5}
+            artists += self._curves.plot(done, warm[: row + 1], **look)
         rest: dict[str, Any] = {"fc": "white", "alpha": 0.7, "lw": 0}
         artists.append(self._bars.axvspan(done[-1], float(playback.time_s[-1]), **rest))
         now: dict[str, Any] = {"c": "0.2", "lw": 1.2, "zorder": 6}
@@ -194,7 +206,6 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     ax.set(xlim=(left, left + scale * width), ylim=(bottom, bottom + scale * height))
     shown = np.array([ax.get_xlim(), ax.get_ylim()]).T
     draw_world(ax, problem, shown, 9.0)
-    draw_nearest(ax, playback.nearest)
     ax.set_aspect("equal")
     ax.set_ylabel("x, y [m]")
     ax.figure.text(0.012, 0.012, title, fontsize=9)
@@ -203,7 +214,8 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
     del entries["heater current"]
     entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0)}
-    entries["middle link's path"] = line(figures.MIDDLE_COLOUR, 1.3)
+    trails = (*figures.UNIT_COLOURS, figures.MIDDLE_COLOUR)
+    entries["paths: units, link"] = tuple(line(colour, 1.3) for colour in trails)
     if playback.goals:
         entries["goal"] = DASHED
     if playback.nearest is not None:
@@ -215,6 +227,7 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
         "ncols": len(entries),
     }
     style |= {"columnspacing": 0.8, "handlelength": 1.3, "bbox_transform": place}
+    style |= {"handler_map": {tuple: HandlerTuple(ndivide=None)}}
     ax.legend(entries.values(), entries, **style)
 
 
@@ -257,8 +270,8 @@ def _set_bars(ax: Axes, playback: Playback) -> None:
 def _set_curves(ax: Axes, playback: Playback, range_C: tuple[float, float]) -> None:
     _mark_melting(ax, playback, zorder=1)
     for j, warm in enumerate(playback.temperature_C.T):
-        ax.plot(playback.time_s, warm, c=figures.SEGMENT_COLOURS[j], lw=1.2, alpha=AHEAD)
-        ax.plot([], [], c=figures.SEGMENT_COLOURS[j], lw=2.0, label=f"segment {j + 1}")
+        ax.plot(playback.time_s, warm, alpha=AHEAD, **figures.segment_curve(j))
+        ax.plot([], [], label=f"segment {j + 1}", **figures.segment_curve(j))
     for phase in playback.phases:
         ax.axvspan(phase.start_s, phase.end_s, color="0.9", lw=0, zorder=0)
     playback.stretch.apply(ax, 0.011)

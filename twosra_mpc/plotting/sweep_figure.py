@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import carried
@@ -17,10 +18,8 @@ from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import figures, object_figures, plane, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.plotting.plan_figures import plan_title
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed
 from twosra_mpc.robot.modes import is_rigid
-from twosra_mpc.robot.poses import composed
-from twosra_mpc.validation import public
 
 _SIZE_IN = (7.0, 6.2)
 _STEP_M = 0.006  # that some corner moves from one robot drawn to the next

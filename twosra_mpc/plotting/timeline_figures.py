@@ -18,20 +18,21 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.figures import (
     BESIDE,
+    PLANNED_COLOUR,
     SEGMENT_COLOURS,
     STAGE_COLOUR,
     STATES,
-    UNIT_COLOURS,
+    segment_curve,
 )
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.validation import public
 
 Coordinate = Literal["position", "heading", "curvature"]
 
@@ -41,10 +42,6 @@ COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
     "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
 }
 STAGE_LINE: dict[str, Any] = {"color": STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
-CURVES: tuple[dict[str, Any], ...] = tuple(  # the first are seen beside those that lie over them
-    {"color": colour, "lw": width}
-    for colour, width in zip(SEGMENT_COLOURS, (3.2, 2.0, 1.1, 0.6), strict=True)
-)
 SIZE_PT, LEAST_PT = 8.5, 5.0  # of words above a time axis
 PHASE_WORDS = 0.075  # width that those of a phase take there
 LEVEL = 0.28  # height of the words of a stage, of that of a curve
@@ -231,8 +228,8 @@ def state_handles(*without: str) -> list[Patch]:
 def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature") -> Axes:
     """Draw position, heading or the curvatures over time."""
     samples, (columns, names, label) = plan.trajectory.samples, COORDINATES[coordinate]
-    for values, name, look in zip(samples.q[:, columns].T, names, CURVES, strict=False):
-        ax.plot(samples.t_s, values, label=name, **look)
+    for j, (values, name) in enumerate(zip(samples.q[:, columns].T, names, strict=False)):
+        ax.plot(samples.t_s, values, label=name, **segment_curve(j))
     return finished(ax, label)
 
 
@@ -247,7 +244,7 @@ def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
 def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array, drawstyle: str = "default") -> Axes:
     """Draw speeds of the four wheels, (rows, 4)."""
     for wheel, speed in enumerate(wheel_rad_s.T):
-        style: dict[str, Any] = {"c": UNIT_COLOURS[wheel // 2], "ls": ("-", "--")[wheel % 2]}
+        style = segment_curve(wheel // 2, ("-", "--")[wheel % 2])
         ax.plot(time_s, speed, label=f"wheel {wheel + 1}", drawstyle=drawstyle, **style)
     return finished(ax, "wheel speed\n[rad/s]")
 
@@ -257,11 +254,12 @@ def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
     """Draw expected temperatures and set-points over time, and the range in which metal melts."""
     samples = plan.trajectory.samples
     mark_melting(ax, plan.problem.stiffness_thresholds_C)
-    for j, colour in enumerate(SEGMENT_COLOURS[: samples.mode.shape[1]]):
-        style: dict[str, Any] = {"where": "post", "c": colour, "lw": 1, "ls": "--"}
-        ax.plot(samples.t_s, samples.temperature_C[:, j], label=f"segment {j + 1}", **CURVES[j])
-        ax.step(samples.t_s, samples.heater_setpoint_C[:, j], **style)
-    ax.plot([], [], c="0.35", lw=1, ls="--", label="set-point")
+    for j, (warm, setpoint) in enumerate(
+        zip(samples.temperature_C.T, samples.heater_setpoint_C.T, strict=True)
+    ):
+        ax.plot(samples.t_s, warm, label=f"segment {j + 1}", **segment_curve(j))
+        ax.step(samples.t_s, setpoint, where="post", **segment_curve(j, "--"))
+    ax.plot([], [], c=PLANNED_COLOUR, lw=1, ls="--", label="set-point")
     return finished(ax, "temperature\n[°C]")
 
 
@@ -279,7 +277,7 @@ def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
     for j, (liquid, colour) in enumerate(
         zip(samples.melt_fraction.T, SEGMENT_COLOURS, strict=False), start=1
     ):
-        ax.plot(samples.t_s, liquid, label=f"segment {j}", **CURVES[j - 1])
+        ax.plot(samples.t_s, liquid, label=f"segment {j}", **segment_curve(j - 1))
         ax.fill_between(samples.t_s, liquid, color=colour, alpha=0.15, lw=0)
     finished(ax, "melt\nfraction [-]").set_ylim(0.0, 1.12)
     return ax

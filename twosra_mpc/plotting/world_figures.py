@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.path import Path
@@ -12,6 +13,7 @@ from matplotlib.transforms import Bbox
 
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plotting import figures
+from twosra_mpc.plotting.labels import label
 from twosra_mpc.plotting.plane import line
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
@@ -56,29 +58,32 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
         style: dict[str, Any] = {"fill": False, "ec": "0.4", "lw": 0.8, "zorder": 1}
         ax.add_artist(Rectangle(tuple(low), *(high - low), **style))
     picture = Bbox([points.min(axis=0), points.max(axis=0)])
-    words: dict[str, Any] = {"fontsize": size_pt, "zorder": 2.5, "clip_on": True}
+    words: dict[str, Any] = {"fontsize": size_pt, "zorder": 2.5}
     for obstacle in problem.obstacles:
         ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
     for name, (x, y) in names_m(problem, points).items():
-        ax.text(x, y, name, ha="center", va="center", c="0.25", bbox=figures.BEHIND_WORDS, **words)
+        middle: dict[str, Any] = {"ha": "center", "va": "center", "color": "0.25"}
+        label(ax, name, (x, y), bbox=figures.BEHIND_WORDS, **middle, **words)
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
         x, y = np.clip((low[0], high[1]), picture.min, picture.max).tolist()
         above = "bottom" if y == high[1] else "top"
-        ax.text(x, y, task.name or f"task {number}", va=above, c=figures.TASK_COLOUR, **words)
+        told = task.name or f"task {number}"
+        label(ax, told, (x, y), va=above, color=figures.TASK_COLOUR, **words)
 
 
-def draw_nearest(ax: Axes, nearest: Clearance | None) -> None:
+def draw_nearest(ax: Axes, nearest: Clearance | None) -> list[Artist]:
     """Draw a line between the nearest points of robot and obstacle, with its length."""
     if nearest is None:
-        return
-    style: dict[str, Any] = {"c": figures.NEAREST_COLOUR, "zorder": 9}
-    ax.plot(*nearest.points_m.T, lw=1.6, marker="o", ms=2.5, scalex=False, scaley=False, **style)
-    words: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "zorder": 9}
-    words |= {"color": figures.NEAREST_COLOUR, "fontweight": "bold", "annotation_clip": True}
-    words |= {"va": "top", "bbox": figures.BEHIND_WORDS}
-    ax.annotate(length(nearest), nearest.points_m.mean(axis=0).tolist(), (4, -5), **words)
+        return []
+    style: dict[str, Any] = {"c": figures.NEAREST_COLOUR, "zorder": 9, "lw": 1.6, "ms": 2.5}
+    style |= {"scalex": False, "scaley": False, "marker": "o"}
+    words: dict[str, Any] = {"fontsize": 8, "zorder": 9, "fontweight": "bold", "va": "top"}
+    words |= {"color": figures.NEAREST_COLOUR, "bbox": figures.BEHIND_WORDS}
+    at = nearest.points_m.mean(axis=0)
+    told = label(ax, length(nearest), at, (4, -5), **words)
+    return [*ax.plot(*nearest.points_m.T, **style), told]
 
 
 def length(nearest: Clearance) -> str:

@@ -18,7 +18,7 @@ from twosra_mpc.problem.limits import (
     shape_margins,
     speed_limits,
 )
-from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
 
@@ -54,19 +54,25 @@ def driven(
         mode: Stiffness until then, (m, n).
     """
     rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
-    first, last = q[rows], q[np.minimum(rows + 1, len(q) - 1)]
-    begin, rate = v[rows], a[rows]
-    gained = rate * dt_s[rows, None]
-    *shares, accelerations = by_modes(
-        motion_function(robot),
-        np.concatenate([first, (first + last) / 2, last]),
-        np.concatenate([begin, begin + gained / 2, begin + gained]),
-        np.tile(rate, (3, 1)),
-        np.tile(mode[rows], (3, 1)),
-    )
-    places = [share.reshape(3, len(rows), share.shape[1]) for share in shares]
+    first, last, modes = q[rows], q[np.minimum(rows + 1, len(q) - 1)], mode[rows]
+    begin, rate, dt = v[rows], a[rows], dt_s[rows, None]
+    after = begin + rate * dt
+    ends = _asked(robot, [first, last], [begin, after], rate, modes)
+    bent = dt / 8 * (ends[-1][0] - ends[-1][1])  # Hermite's cubic in between
+    middle = _asked(robot, [(first + last) / 2 + bent], [(begin + after) / 2], rate, modes)
+    places = [np.stack([x[0], y[0], x[1]]) for x, y in zip(ends, middle, strict=True)]
     turning = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
-    return Driven(rows, places, turning, accelerations.reshape(3, len(rows), WHEELS))
+    return Driven(rows, places[:-2], turning, places[-2])
+
+
+def _asked(
+    robot: Robot, q: list[Array], v: list[Array], a: Array, mode: NDArray[np.int64]
+) -> list[Array]:
+    """What the model says of motion at places, each (places, m, k)."""
+    count = len(q)
+    given = np.concatenate(q), np.concatenate(v), np.tile(a, (count, 1)), np.tile(mode, (count, 1))
+    found = by_modes(motion_function(robot), *given)
+    return [each.reshape(count, len(a), each.shape[1]) for each in found]
 
 
 def margins(

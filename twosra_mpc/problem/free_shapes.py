@@ -46,11 +46,13 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
     most, sides = body.limits.curvature_per_m, np.array([[-1.0], [1.0]])
     lower, upper = np.clip([low, high], -most, most)
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
-    while least < 0 and 0 < len(middles) <= _MOST:
+    while 0 < len(middles) <= _MOST:
         left_per_m, possible = _left(body, middles, half)
         at = int(left_per_m.argmax())
         if left_per_m[at] > least:
             best, least = middles[at], left_per_m[at]
+        if least >= 0:
+            break
         widest = np.eye(len(half))[(half * body.geometry.lengths_m).argmax()]
         half = half * (1 - widest / 2)
         aside = sides[:, None] * half * widest
@@ -64,13 +66,12 @@ def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bo
     Boxes reach ``half`` (n,) to each side of them.
     """
     margins = shape_margins(body, middles)
-    left, possible = np.full(len(middles), np.inf), np.ones(len(middles), dtype=bool)
-    for limit in limits.SHAPE_LIMITS:
-        margin = margins[limit.name]
-        if limit.steep is not None:
-            steep = limit.steep(body)
-            left = np.minimum(left, margin / steep.max())
-            possible &= margin + half @ steep >= 0
-        elif not (limit.driving or half.any()):  # of single shapes it is known all the same
-            left, possible = np.minimum(left, margin), possible & (margin >= 0)
-    return left, possible
+    forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
+    if half.any():  # of single shapes it is known how steep a limit is, or not
+        forbids = [limit for limit in forbids if limit.steep is not None]
+    steep = np.array(
+        [limit.steep(body) if limit.steep else np.ones(len(half)) for limit in forbids]
+    )
+    margin = np.array([margins[limit.name] for limit in forbids])
+    left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
+    return left, np.all(margin + (steep @ half)[:, None] >= 0, axis=0)

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError, InputWarning
 from twosra_mpc.files import read_document, reading
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import public
 
 _FAR_M = 100.0  # no robot of this kind goes there: another unit
 _THIN_M = 1e-3  # nothing to drive round is as small: another unit
@@ -32,6 +32,7 @@ _METRES = re.compile(r"EPSG:.*\b(3857|25[89]\d\d|32[67]\d\d)$", re.IGNORECASE)  
 _PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
 
+@public
 def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[Obstacle, ...]:
     """Obstacles from polygons of shapely, GeoPandas or GeoJSON, in metres.
 
@@ -53,6 +54,11 @@ def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[O
 def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tuple[Obstacle, ...]:
     single = isinstance(geometries, Mapping) or hasattr(geometries, "__geo_interface__")
     doubts = list(_doubts_about_frame(_frame_of(geometries)))
+    if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
+        hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
+        raise InputError(
+            "geometries", geometries, f"a GeoJSON object, or a list of them: {_KINDS}", hint=hint
+        )
     several = [geometries] if single else list(geometries)
     if names is not None and len(names) != len(several):
         raise InputError("names", len(names), f"one for each of {len(several)} geometries")

@@ -107,6 +107,12 @@ def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
     return ca.mmin(ca.vertcat(limit - kappa, limit + kappa))
 
 
+@per_body()
+def _parts_moved_m2(body: Body) -> Array:
+    """How far any point of a part moves at most per curvature of each segment, (n,) [m2]."""
+    return self_collision(body).reach_m * np.array(body.geometry.lengths_m)
+
+
 CURVATURE = ShapeLimit(
     name="curvature_per_m",
     unit="1/m",
@@ -123,7 +129,7 @@ UNIT_GAP = ShapeLimit(
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
     rounding=ROUNDING_M,
     scale=0.1,
-    steep=lambda body: parts_moved_m(body, np.eye(body.geometry.segments)),
+    steep=_parts_moved_m2,
 )
 BODY_GAP = ShapeLimit(
     name="body_gap_m",
@@ -219,10 +225,8 @@ def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
     for limit, row in zip(SHAPE_LIMITS, values.T, strict=True):
         if limit.nearer is not None and (near := row < FAR_M).any():
             row[near] = limit.nearer(robot.body, shapes[near])
-    return {
-        limit.name: np.where(np.abs(row) <= limit.rounding, 0.0, row)
-        for limit, row in zip(SHAPE_LIMITS, values.T, strict=True)
-    }
+    values[np.abs(values) <= [limit.rounding for limit in SHAPE_LIMITS]] = 0.0
+    return {limit.name: row for limit, row in zip(SHAPE_LIMITS, values.T, strict=True)}
 
 
 def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None:
@@ -279,8 +283,7 @@ def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
         robot: The robot.
         bent_per_m: How much more or less segments bend, (m, n) or a number [1/m].
     """
-    turned = np.atleast_2d(bent_per_m) * np.array(robot.body.geometry.lengths_m)
-    moved: Array = self_collision(robot).reach_m * turned.sum(axis=1)
+    moved: Array = (np.atleast_2d(bent_per_m) * _parts_moved_m2(robot)).sum(axis=1)
     return moved
 
 
@@ -292,15 +295,26 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     return allowed
 
 
-def workspace_margins(problem: Problem, q: Array) -> Array:
+def outline_at(robot: Robot, q: Array) -> Array:
+    """The `outline_points` at configurations (m, 3 + n), (m, points, 2) [m]."""
+    (points,) = by_rows(outline_points(robot.geometry), q)
+    return points.reshape(len(q), -1, 2)
+
+
+def workspace_margins(problem: Problem, q: Array, points: Array | None = None) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
+
+    Args:
+        problem: The problem.
+        q: Configurations.
+        points: `outline_at` them, if that is known.
     """
     geometry, workspace = problem.robot.geometry, problem.workspace
     if workspace is None:
         return np.full(len(q), np.inf)
-    points = by_rows(outline_points(geometry), q)[0].reshape(len(q), -1, 2)
+    points = outline_at(problem.robot, q) if points is None else points
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments
@@ -334,14 +348,14 @@ def speed_function(body: Body) -> ca.Function:
 
 @per_body()
 def motion_function(body: Body) -> ca.Function:
-    """(q, v, a, sigma) -> shares of each speed limit, signed, and d/dt V v with v' = a [rad/s2]."""
+    """(q, v, a, sigma) -> shares of each speed limit, signed, d/dt V v with v' = a [rad/s2], q'."""
     segments = body.geometry.segments
     q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
     sigma = ca.SX.sym("sigma", segments)
     jacobian, wheels = kinematics(body).shared(q, sigma)  # once: what all share is written once
     moved, turned = jacobian @ v, wheels @ v
     turning = ca.densify(wheels @ a + ca.jtimes(turned, q, moved))
-    told = [*_shares(body, v, moved, turned), turning]
+    told = [*_shares(body, v, moved, turned), turning, ca.densify(moved)]
     return ca.Function("motion", [q, v, a, sigma], told)
 
 

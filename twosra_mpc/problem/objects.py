@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import field_validator, model_validator
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
@@ -107,7 +108,8 @@ class Object(Value):
         return self.at(np.zeros(POSE))
 
 
-def read_outline(path: object) -> tuple[tuple[float, float], ...]:
+@public
+def read_outline(path: str | Path) -> tuple[tuple[float, float], ...]:
     """Corners of a closed curve from a CSV file of x, y [m]; a head line and the first point again.
 
     Both may be left out.

@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts, near_word
@@ -49,7 +50,6 @@ from twosra_mpc.validation import (
     Value,
     missing,
     plain,
-    public,
 )
 
 
@@ -519,6 +519,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     return problem
 
 
+@public
 def scenario_names() -> list[str]:
     """Names of the built-in scenarios."""
     return built_in_names("scenarios")

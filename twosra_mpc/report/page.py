@@ -16,11 +16,11 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.headline import percent
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.plan import Plan, percent
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
@@ -31,7 +31,6 @@ from twosra_mpc.report.lanes import Thermometer, curve, lanes, setpoint_table, t
 from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
-from twosra_mpc.validation import public
 
 _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
+from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
-from twosra_mpc.plans.headline import above_bound, percent, within
-from twosra_mpc.plans.plan import Plan, Status, Verification
+from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.stages import stages
 from twosra_mpc.problem.problem import Problem
@@ -26,7 +26,6 @@ from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import transition_model
-from twosra_mpc.version import __version__
 
 _NONE = "\N{EN DASH}"
 _LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numbers come from

@@ -1,4 +1,7 @@
-"""Where the parts of a configuration are: the one place that knows how many segments there are."""
+"""Coordinates of a configuration, and poses in the plane, one after the other.
+
+This is the one place that knows how many segments there are.
+"""
 
 from __future__ import annotations
 
@@ -42,3 +45,24 @@ class Coordinates:
     def each(self, position: float, heading: float, curvature: float) -> Array:
         """One value per coordinate: of x and y, of phi, of every curvature, (size,)."""
         return np.array([position, position, heading, *[curvature] * self.segments])
+
+
+def composed(poses: Array, by: Array) -> Array:
+    """Poses (..., 3) moved on by poses given in their frames (..., 3)."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x = poses[..., 0] + c * by[..., 0] - s * by[..., 1]
+    y = poses[..., 1] + s * by[..., 0] + c * by[..., 1]
+    return np.stack(np.broadcast_arrays(x, y, poses[..., 2] + by[..., 2]), axis=-1)
+
+
+def inverse(poses: Array) -> Array:
+    """The way back of poses (..., 3): composed with it, they are the origin."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x, y = poses[..., 0], poses[..., 1]
+    return np.stack([-c * x - s * y, s * x - c * y, -poses[..., 2]], axis=-1)
+
+
+def wrapped(angle_rad: Array) -> Array:
+    """Angles within half a turn of zero [rad]."""
+    found: Array = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
+    return found

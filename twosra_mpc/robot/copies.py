@@ -1,4 +1,4 @@
-"""Robot files copied with their comments, but one part: the name, the path."""
+"""Robot files copied with their comments, but one part."""
 
 from __future__ import annotations
 
@@ -8,27 +8,7 @@ import tomlkit
 from tomlkit import TOMLDocument
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import locate, read_text, write_text
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.path_fitting import fitted_path_tables
-
-
-def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:
-    """Write a copy of a robot file whose ``[path]`` table is fitted to its lengths.
-
-    Everything else, comments included, stays as it is.
-
-    Raises:
-        InputError: If ``source`` is not TOML, or ``target`` cannot be written.
-    """
-    document = robot_document(source)
-    table = tomlkit.table()
-    for key, value in fitted_path_tables(robot)[model].items():
-        table.add(key, value)
-    table.comment("fitted to the exact paths of this robot's lengths")
-    table.add(tomlkit.nl())
-    document["path"] = table
-    write_text(target, tomlkit.dumps(document))
+from twosra_mpc.files import locate, read_text
 
 
 def renamed_robot(source: str | Path, name: str) -> str:

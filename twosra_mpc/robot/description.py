@@ -16,6 +16,7 @@ from weakref import WeakValueDictionary
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts
@@ -29,7 +30,7 @@ from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain, public
+from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
@@ -244,6 +245,7 @@ def load_robot(source: str | Path) -> Robot:
     return robot
 
 
+@public
 def robot_names() -> list[str]:
     """Names of the built-in robots."""
     return built_in_names("robots")

@@ -15,6 +15,8 @@ towards +y; the paper's spiral angle theta and the successor's phi are turn + a 
 
 Source of the set-up: Table I, whose numbers it reproduces to 0.1 % (a, b) and 0.5 % (centre); in
 the table the sign of c_x of row II is that of the mirrored frame.
+
+`with_path_model` gives a robot another path model, fitted where it has no parameters for it.
 """
 
 from __future__ import annotations
@@ -27,10 +29,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize_scalar
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
+from twosra_mpc.keys import near_word
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
 
 Case: TypeAlias = Literal["I", "II", "III"]
 
@@ -107,27 +112,6 @@ class CardioidFit:
         """Points of the cardioid [m] at bending angles (n,) [rad], shape (n, 2)."""
         phi = np.pi + self.phi_per_alpha * np.asarray(alpha, dtype=float)
         return _cartesian(2 * self.radius_m * (1 - np.cos(phi)), phi - np.pi, self.centre_m)
-
-
-@dataclass(frozen=True, eq=False)
-class PathCurves:
-    """What a figure of one case shows, in units of l, for bends from straight towards +y.
-
-    Attributes:
-        case: I, II or III.
-        exact: Moving fibre end, over the range of Table I, (n, 2).
-        spiral: The spiral at the same turns about its centre, (n, 2).
-        cardioid: The cardioid, over the range it was fitted to, (n, 2).
-        spiral_fit: The spiral's parameters.
-        cardioid_fit: The cardioid's parameters.
-    """
-
-    case: Case
-    exact: Array
-    spiral: Array
-    cardioid: Array
-    spiral_fit: SpiralFit
-    cardioid_fit: CardioidFit
 
 
 def exact_path(case: Case, geometry: Geometry, alpha: ArrayLike) -> Array:
@@ -224,28 +208,12 @@ def fitted_path_tables(
     return {**tables, "cardioid": cardioid}
 
 
-def path_curves(
-    geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD, points: int = 241
-) -> tuple[PathCurves, PathCurves, PathCurves]:
-    """Exact path and fitted curves of the three cases, as points to draw, in units of l."""
-    length, curves = geometry.lengths_m[0], []
-    fits = zip(CASES, fit_spirals(geometry), fit_cardioids(geometry, alpha_max), strict=True)
-    for case, spiral, cardioid in fits:
-        bends = np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points)
-        exact = exact_path(case, geometry, bends) / length
-        drawn = spiral.points(_polar(exact, *spiral.centre)[1])
-        successor = cardioid.points(np.linspace(0.0, alpha_max, points)) / length
-        curves.append(PathCurves(case, exact, drawn, successor, spiral, cardioid))
-    one, two, three = curves
-    return one, two, three
-
-
 def _fit_spiral(case: Case, geometry: Geometry) -> SpiralFit:
     """Least squares of r - A e^{-b turn} over (A, b, c_x, c_y), from the best of many centres."""
     path = exact_path(case, geometry, SPIRAL_BENDS_RAD[case]) / geometry.lengths_m[0]
 
     def residual(guess: Array) -> Array:
-        radius, turn = _polar(path, guess[2], guess[3])
+        radius, turn = polar(path, guess[2], guess[3])
         return np.asarray(radius - guess[0] * np.exp(-guess[1] * turn))
 
     fits = [least_squares(residual, start, method="lm") for start in _spiral_starts(path)]
@@ -264,7 +232,7 @@ def _spiral_starts(path: Array) -> list[Array]:
     starts = []
     for x in np.linspace(left, right, _CENTRES + 2)[1:-1]:
         for y in np.linspace(low, high, _CENTRES + 2)[1:-1]:
-            radius, turn = _polar(path, x, y)
+            radius, turn = polar(path, x, y)
             slope, offset = np.polyfit(turn, np.log(np.maximum(radius, 1e-9)), 1, w=radius)
             error = _rms(radius - np.exp(offset + slope * turn))
             starts.append((error, np.array([np.exp(offset), -slope, x, y])))
@@ -293,7 +261,7 @@ def _fit_cardioid(case: Case, geometry: Geometry, alpha_max: float) -> CardioidF
 
 def _about_cusp(path: Array, x: float) -> tuple[float, Array, Array]:
     """Best a of a cardioid with its cusp at (x, 0), turns of the path about it, residuals."""
-    radius, turn = _polar(path, x, 0.0)
+    radius, turn = polar(path, x, 0.0)
     unit = 2 * (1 + np.cos(turn))  # 2 (1 - cos phi) with phi = pi + turn
     a = float(radius @ unit / (unit @ unit))
     return a, turn, radius - a * unit
@@ -311,7 +279,7 @@ def _checked(
     return rms, float(np.max(np.abs(left)))
 
 
-def _polar(points: Array, x: float, y: float) -> tuple[Array, Array]:
+def polar(points: Array, x: float, y: float) -> tuple[Array, Array]:
     """Distance from (x, y) and turn about it, continuous along the points (n, 2)."""
     across, up = (points - (x, y)).T
     return np.hypot(across, up), np.unwrap(np.arctan2(up, -across))
@@ -330,3 +298,31 @@ def _rms(residual: Array) -> float:
 def _written(values: Iterable[float]) -> list[float]:
     """Round to what is worth writing in a file: seven significant digits."""
     return [float(f"{value:z.7g}") for value in values]
+
+
+SPIRALS = ("log_spiral", "log_spiral_corrected")
+
+
+@public
+def with_path_model(robot: Robot, model: str) -> Robot:
+    """Return ``robot`` with the path model of this name.
+
+    A robot that has spiral parameters keeps them for both readings of Table I; parameters that it
+    lacks are fitted to its lengths. ``arc`` measures v_j at the side wheels.
+
+    Raises:
+        InputError: If there is no such path model, or its fit fails.
+    """
+    if model not in PATH_MODELS:
+        allowed = f"one of {', '.join(PATH_MODELS)}"
+        raise InputError("path.model", model, allowed, hint=near_word(model, PATH_MODELS))
+    if model == robot.path.model:
+        return robot
+    table: dict[str, Any]
+    if model == "arc":
+        table = {"model": "arc", "speed_reference": "side_wheel"}
+    elif isinstance(robot.path, LogSpiralPath) and model in SPIRALS:
+        table = {**robot.path.model_dump(), "model": model}
+    else:
+        table = fitted_path_tables(robot)[model]
+    return robot.with_values(path=table)

@@ -11,9 +11,8 @@ import shapely
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.world import Obstacle
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, wrapped
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import wrapped
 
 STATIONS = 72  # places around an outline at which the robot is laid on
 _POINTS = 65  # along a segment: chords miss an arc of 40 mm and 40 1/m by 2 um

@@ -20,10 +20,15 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.footprint import SAGITTA_M, Footprint, footprint, kept_m
-from twosra_mpc.space.screws import continued, times_at_speed_s, times_from_rest_s, twists
+from twosra_mpc.space.screws import (
+    clear_legs,
+    continued,
+    times_at_speed_s,
+    times_from_rest_s,
+    twists,
+)
 from twosra_mpc.space.separation import Separation
 from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
-from twosra_mpc.space.sweep import clear_legs
 
 if TYPE_CHECKING:  # they import shapely
     from twosra_mpc.space.roadmap import Field, Roadmap

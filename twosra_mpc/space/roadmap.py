@@ -19,10 +19,9 @@ from scipy.spatial import cKDTree
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.lattice import Lattice, lattice
+from twosra_mpc.space.lattice import Lattice, lattice, triangles
 from twosra_mpc.space.screws import continued, times_at_speed_s, twists
 from twosra_mpc.space.slices import FreeSlices, Indices
-from twosra_mpc.space.triangles import triangles
 
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined

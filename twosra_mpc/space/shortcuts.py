@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import wrapped
+from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.space.screws import moved, twists
 
 Bools = NDArray[np.bool_]

@@ -35,8 +35,7 @@ from scipy.sparse.csgraph import connected_components
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import wrapped
+from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.space.footprint import Footprint
 from twosra_mpc.space.minkowski import (
     kept_by_all,

@@ -18,8 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.thermal.crossing import crossing
-from twosra_mpc.thermal.model import SegmentModel, State, Values
+from twosra_mpc.thermal.model import SegmentModel, State, Values, crossing
 from twosra_mpc.thermal.uncertainty import Windows
 
 Array = NDArray[np.float64]

@@ -18,8 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from twosra_mpc.thermal.crossing import crossing
-from twosra_mpc.thermal.model import Array, State, Values, exponential
+from twosra_mpc.thermal.model import Array, State, Values, crossing, exponential
 
 _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
 

@@ -29,7 +29,7 @@ from twosra_mpc.timing.network import (
 )
 
 _LATER_S = 4.0  # over which it is seen how much sooner a freeze is that begins later
-_NETWORKS = 2048  # that are kept
+_NETWORKS = 512  # that are kept: 3 MiB
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,18 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
-from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.port import Port, PortError
+from twosra_mpc.execution.serial.port import (
+    HIGHEST_RATE_HZ,
+    Port,
+    PortError,
+    command,
+    parse_report,
+    stop_command,
+)
 from twosra_mpc.execution.serial.segments import (
     MEDIAN_OF,
     ColdSegment,
@@ -34,7 +41,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.validation import public
 
 RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often
@@ -89,7 +95,7 @@ def connected(
         RobotError: If the line does not work any more.
     """
     camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
-    most_Hz = firmware_lines.HIGHEST_RATE_HZ
+    most_Hz = HIGHEST_RATE_HZ
     if not 1 <= camera.rate_Hz <= most_Hz:
         allowed = f"from 1 to {most_Hz:zg} Hz, which the line carries"
         raise InputError("rate", camera.rate_Hz, allowed)
@@ -233,7 +239,7 @@ class SerialRobot:
             int(segment.switched(bool(asked), now_s))
             for segment, asked in zip(self._segments, self._asked, strict=True)
         )
-        line = firmware_lines.command(wheel_rad_s.tolist(), heated, self.robot.robot_id)
+        line = command(wheel_rad_s.tolist(), heated, self.robot.robot_id)
         self._turns = bool(wheel_rad_s.any())
         if not (self._turns and turned):
             self._due_s = now_s
@@ -264,7 +270,7 @@ class SerialRobot:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""
         failure: PortError | None = None
         sent = 0
-        stop = firmware_lines.stop_command(self._count, self.robot.robot_id)
+        stop = stop_command(self._count, self.robot.robot_id)
         for _ in range(STOPS):
             try:
                 self.port.write(stop)
@@ -284,7 +290,7 @@ class SerialRobot:
         """Readings of each segment that have been reported since the last time."""
         heard: list[list[float]] = [[] for _ in range(self._count)]
         for line in self.port.read_lines():
-            if (report := firmware_lines.parse_report(line, self._count)) is not None:
+            if (report := parse_report(line, self._count)) is not None:
                 heard[report.segment].append(report.temperature_C)
         return heard
 

@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
@@ -29,7 +30,6 @@ from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.interrupts import deferred_interrupts
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import public
 
 
 class Confirm(enum.StrEnum):

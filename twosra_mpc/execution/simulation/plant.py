@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
@@ -28,7 +29,7 @@ from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
@@ -94,6 +95,7 @@ class SimulatedRobot:
         q: True configuration, (3 + n,).
     """
 
+    @public
     def __init__(
         self,
         problem: Problem,

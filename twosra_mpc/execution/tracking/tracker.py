@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.tracking.linearisation import tracking_program
 from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
@@ -134,6 +135,7 @@ class Tracker:
             the first. Stays as it is when a step refuses a measurement.
     """
 
+    @public
     def __init__(
         self,
         robot: Robot,
@@ -177,6 +179,7 @@ class Tracker:
             _NO_WHEELS, _NO_INPUT, off, CommandStatus.HELD, "no plan is being tracked yet"
         )
 
+    @public
     def reset(self, plan: Plan) -> None:
         """Track another plan from the next step on; the wheels are taken to turn as last told.
 

@@ -161,6 +161,12 @@ def _of_transitions(made: DataFrame) -> list[Worth]:
     return [Worth(f"{name} 1 s shorter", spread) for name, spread in found if spread is not None]
 
 
+def counted(key: str) -> str:
+    """A varied key with places in lists counted from 1, as segments are: goal.kappa_per_m 1."""
+    stem = key.rstrip("0123456789").rstrip(".")
+    return f"{stem} {int(key[len(stem) + 1 :]) + 1}" if stem != key else key
+
+
 def _of_keys(made: DataFrame) -> list[Worth]:
     """One more of each key: difference quotients between neighbours that share all other keys."""
     keys = numeric_keys(made)
@@ -172,7 +178,7 @@ def _of_keys(made: DataFrame) -> list[Worth]:
         quotients = [_quotients(group.sort_values(key), key) for _, group in groups]
         spread = _spread(np.concatenate(quotients)) if quotients else None
         if spread is not None:
-            found.append(Worth(f"{key} 1 more", spread))
+            found.append(Worth(f"1 more of {counted(key)}", spread))
     return found
 
 

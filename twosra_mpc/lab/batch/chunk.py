@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from twosra_mpc.analysis.critical_path import critical_path
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import reading
+from twosra_mpc.installation import __version__
 from twosra_mpc.lab.batch.problems import Document, Posed
 from twosra_mpc.lab.batch.spec import Planner
 from twosra_mpc.lab.batch.table import GREEDY_COLUMNS
@@ -17,7 +18,6 @@ from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.version import __version__
 
 Row = dict[str, Any]
 

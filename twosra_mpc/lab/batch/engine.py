@@ -18,9 +18,9 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, Worker, as_completed, rpc
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.installation import __version__
 from twosra_mpc.lab.batch.chunk import Asked, Chunk, failed, plan_chunk
 from twosra_mpc.lab.batch.problems import Posed
-from twosra_mpc.version import __version__
 
 CHUNK_S = 1.0  # what a task should take
 _FIRST, _MOST = 2, 500  # problems in the first chunks, and at most

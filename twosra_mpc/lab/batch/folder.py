@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import differences, json_document, read_text, write_json, write_text
+from twosra_mpc.installation import __version__
 from twosra_mpc.lab.batch.chunk import Chunk
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.table import (
@@ -23,7 +24,6 @@ from twosra_mpc.lab.batch.table import (
     table_paths,
     write_table,
 )
-from twosra_mpc.version import __version__
 
 FORMAT = 1
 _ABOUT, _SPEC, _PLANS = "batch.json", "spec.toml", "plans"

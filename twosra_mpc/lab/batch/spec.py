@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import LARGEST, check_kind, document_in, read_text
+from twosra_mpc.lab.batch.random_set import RandomSet
 from twosra_mpc.lab.batch.table import RESULT_COLUMNS
-from twosra_mpc.problem.random_set import RandomSet
 from twosra_mpc.validation import FrozenDict, Number, Value, plain
 
 MOST_PROBLEMS = 10_000_000

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import reading, write_bytes
-from twosra_mpc.installation import require_batch
-from twosra_mpc.validation import public
+from twosra_mpc.installation import BATCH, require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,7 @@ def read_runs(path: str | Path) -> pd.DataFrame:
     Raises:
         InputError: If there is no such table, nothing is finished yet, or pandas is missing.
     """
-    require_batch("runs")
+    require("a batch", "batch", *BATCH)
     import pandas as pd
 
     paths = table_paths(Path(path)) if Path(path).is_dir() else [Path(path)]

@@ -14,7 +14,7 @@ import click
 from twosra_mpc.cli.options import FILE, command
 from twosra_mpc.cli.output import EXIT_INTERRUPTED, EXIT_PLANNED, Output
 from twosra_mpc.files import read_text
-from twosra_mpc.installation import require_batch
+from twosra_mpc.installation import BATCH, require
 from twosra_mpc.interrupts import noted_interrupts
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def batch_command(
     """
     if scheduler is not None and workers is not None:
         raise click.UsageError("--workers are processes here; a --scheduler has its own")
-    require_batch("twosra batch")
+    require("twosra batch", "batch", *BATCH)
     from twosra_mpc.lab.batch.problems import Problems
     from twosra_mpc.lab.batch.spec import spec_in
 

@@ -1,5 +1,6 @@
 """Figures of measurements, studies and the paper: what `plotting` draws plans with, used."""
 
+import twosra_mpc.plotting.quiet  # noqa: F401  # first, as there
 from twosra_mpc.lab.figures.paper_figures import (
     plot_error_decrease,
     plot_forward_kinematics,

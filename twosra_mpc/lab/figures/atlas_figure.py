@@ -13,7 +13,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.batch.atlas import Worth, atlas, has_greedy, numeric_keys, plans, search_gaps
+from twosra_mpc.lab.batch.atlas import (
+    Worth,
+    atlas,
+    counted,
+    has_greedy,
+    numeric_keys,
+    plans,
+    search_gaps,
+)
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.coordinates import Array
 
@@ -218,8 +226,7 @@ def _ranks(runs: DataFrame) -> dict[str, int]:
 
 
 def _label(key: str) -> str:
-    """A key with its unit; places in lists count from 1, as segments do."""
-    stem = key.rstrip("0123456789").rstrip(".")
-    name = f"{stem} {int(key[len(stem) + 1 :]) + 1}" if stem != key else key
-    unit = next((unit for end, unit in _UNIT.items() if stem.endswith(end)), None)
+    """A key with its unit."""
+    name = counted(key)
+    unit = next((unit for end, unit in _UNIT.items() if name.split()[0].endswith(end)), None)
     return f"{name} [{unit}]" if unit else name

@@ -104,13 +104,14 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
     """
     with figures.styled_figure((10.0, 4.2), path) as figure:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.35))
-        for task, colour in TASK_COLOURS.items():
-            _draw_loop_error(left, task, colour)
+        for number, (task, colour) in enumerate(TASK_COLOURS.items()):
+            _draw_loop_error(left, task, {"c": colour, **figures.curve(number)})
             for made, dashes in zip(_plans(task), ("-", "--"), strict=True):
                 samples = made.trajectory.samples
                 share = _share(samples.q, samples.q[-1])
-                right.plot(samples.t_s, share, c=colour, ls=dashes, lw=1.5)
-                end: dict[str, Any] = {"ms": 7, "mfc": colour if dashes == "-" else "white"}
+                right.plot(samples.t_s, share, c=colour, **figures.curve(number, dashes))
+                size = 11 - 1.5 * number  # those that lie on each other are seen
+                end: dict[str, Any] = {"ms": size, "mfc": colour if dashes == "-" else "white"}
                 right.plot(samples.t_s[-1], LEAST_SHARE, "^", c=colour, clip_on=False, **end)
         left.set(xlabel="time of the loop [s]", ylabel=r"$|q - q_t|\ /\ |q_0 - q_t|$")
         left.set(yscale="log", ylim=(LEAST_SHARE, 1.5), title="as published, without waits")
@@ -118,7 +119,10 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
         for ax in (left, right):
             ax.set_xlim(0.0, None)
         handles = [
-            *(Line2D([], [], c=c, lw=1.5, label=task) for task, c in TASK_COLOURS.items()),
+            *(
+                Line2D([], [], c=colour, label=task, **figures.curve(number))
+                for number, (task, colour) in enumerate(TASK_COLOURS.items())
+            ),
             Line2D([], [], c="0.3", marker="o", ms=4, ls="", label="change of mode"),
             Line2D([], [], c="0.3", lw=1.5, marker="^", label="this planner, end"),
             Line2D([], [], c="0.3", lw=1.5, ls="--", marker="^", mfc="white", label="greedy, end"),
@@ -185,19 +189,17 @@ def _draw_study(
 ) -> None:
     """Position, heading, curvature and distance of one mode's study over its length."""
     done = (planned.iteration + 1) / (planned.iteration[-1] + 1)  # of the loop
-    forward: dict[str, Any] = {"lw": 1.2, "ls": "--", "alpha": 0.75}
-    planner: dict[str, Any] = {"lw": 1.8, "zorder": 2.1}
     place: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
     for ax, (columns, names, label) in zip(axes, COORDINATES.values(), strict=False):
         curves = zip(names, driven.T[columns], planned.q.T[columns], strict=False)
-        for (name, far, reached), colour in zip(curves, figures.SEGMENT_COLOURS, strict=False):
-            ax.plot(np.linspace(0.0, 1.0, len(far)), far, c=colour, **forward)
-            ax.plot(done, reached, c=colour, **planner)
-            ax.annotate(name, (1.0, far[-1]), (4, 0), color=colour, **place)
+        for j, (name, far, reached) in enumerate(curves):
+            ax.plot(done, reached, **figures.segment_curve(j))
+            ax.plot(np.linspace(0.0, 1.0, len(far)), far, **figures.segment_curve(j, "--"))
+            ax.annotate(name, (1.0, far[-1]), (4, 0), color=figures.SEGMENT_COLOURS[j], **place)
         ax.set_ylabel(label)
     share = _share(driven, driven[-1])
-    axes[-1].plot(np.linspace(0.0, 1.0, len(share)), share, c="0.1", **forward)
-    axes[-1].plot(done, _share(planned.q, driven[-1]), c="0.1", **planner)
+    axes[-1].plot(done, _share(planned.q, driven[-1]), **figures.segment_curve(0))
+    axes[-1].plot(np.linspace(0.0, 1.0, len(share)), share, **figures.segment_curve(0, "--"))
     axes[-1].set(ylabel="distance\nto target", ylim=(-0.03, 1.03))
     for ax, row in product(axes, _mode_changes(planned)):
         ax.axvline(done[row], c="0.6", lw=0.8, ls=":", zorder=0)
@@ -233,13 +235,13 @@ def _mode_changes(planned: PublishedTrajectory) -> list[int]:
     return [row + 2 for row in np.flatnonzero(changed).tolist()]
 
 
-def _draw_loop_error(ax: Axes, task: str, colour: str) -> None:
+def _draw_loop_error(ax: Axes, task: str, look: dict[str, Any]) -> None:
     planned = _published(task)
     time_s = (planned.iteration + 1) * STEP_OF_TASK_S.get(task, STEP_S)
     share = _share(planned.q, load_problem(task).goal.configuration)
     changes = np.array(_mode_changes(planned))
-    ax.step(time_s, share, where="post", c=colour, lw=1.5)  # steps too short are not recorded
-    ax.plot(time_s[changes], share[changes - 1], "o", c=colour, ms=4)
+    ax.step(time_s, share, where="post", **look)  # steps too short are not recorded
+    ax.plot(time_s[changes], share[changes - 1], "o", c=look["c"], ms=4)
 
 
 def _published_pieces(planned: PublishedTrajectory) -> list[_Piece]:

@@ -16,11 +16,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import mode_name
 
-_LOOKS: dict[str, dict[str, Any]] = {
-    "measured": {"ls": "-", "lw": 1.8},
-    "predicted by the commands": {"ls": ":", "lw": 1.8},
-    "as bent": {"ls": "--", "lw": 1.2},
-}
+_LOOKS = {"measured": "-", "predicted by the commands": ":", "as bent": "--"}
 _X, _Y = figures.SEGMENT_COLOURS[:2]
 
 
@@ -46,7 +42,7 @@ def plot_replay(
             _draw_in_time(axes[1:], phase)
         colours = [f"segment {j + 1}" for j in range(robot.coordinates.segments)]
         entries: dict[str, Any] = {
-            name: plane.line("0.2", look["lw"], look["ls"]) for name, look in _LOOKS.items()
+            name: plane.line("0.2", 1.6, dashes) for name, dashes in _LOOKS.items()
         }
         entries |= {"x, heading": plane.line(_X), "y": plane.line(_Y)}
         entries |= {
@@ -68,16 +64,16 @@ def _draw_ends(ax: Axes, robot: Robot, phase: PhaseReplay) -> None:
 def _draw_in_time(axes: Sequence[Axes], phase: PhaseReplay) -> None:
     place, heading, bends = axes
     told = (phase.measured, phase.predicted, phase.as_bent)
-    for q, look in zip(told, _LOOKS.values(), strict=True):
+    for q, dashes in zip(told, _LOOKS.values(), strict=True):
         if q is not None:
-            _draw_columns(place, phase.time_s, 1e3 * (q[:, :2] - phase.measured[0, :2]), look)
-            _draw_columns(heading, phase.time_s, q[:, 2:POSE], look)
-            _draw_columns(bends, phase.time_s, q[:, POSE:], look)
+            _draw_columns(place, phase.time_s, 1e3 * (q[:, :2] - phase.measured[0, :2]), dashes)
+            _draw_columns(heading, phase.time_s, q[:, 2:POSE], dashes)
+            _draw_columns(bends, phase.time_s, q[:, POSE:], dashes)
     place.set(xlabel="time [s]", ylabel="moved [mm]")
     heading.set(xlabel="time [s]", ylabel="heading [rad]")
     bends.set(xlabel="time [s]", ylabel="curvature [1/m]")
 
 
-def _draw_columns(ax: Axes, time_s: Array, columns: Array, look: dict[str, Any]) -> None:
-    for column, colour in zip(columns.T, figures.SEGMENT_COLOURS, strict=False):
-        ax.plot(time_s, column, c=colour, **look)
+def _draw_columns(ax: Axes, time_s: Array, columns: Array, dashes: str) -> None:
+    for j, column in enumerate(columns.T):
+        ax.plot(time_s, column, **figures.segment_curve(j, dashes))

@@ -128,4 +128,4 @@ def _band(ax: Axes, curves: np.ndarray, colour: str) -> None:
     low, middle, high = np.percentile(curves, [5.0, 50.0, 95.0], axis=0)
     time = np.linspace(0.0, 1.0, len(middle))
     ax.fill_between(time, low, high, color=colour, alpha=0.25, lw=0)
-    ax.plot(time, middle, c=colour, lw=1.6)
+    ax.plot(time, middle, c=colour, **figures.curve(0 if colour == _FK else 1))

@@ -84,9 +84,11 @@ def _draw_nodes(ax: Axes, fit: ThermalFit) -> None:
     core = fit.response.core_C
     label = f"changing, {solid:z.3g} to {liquid:z.3g} °C"
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.4, label=label)
-    ax.plot(log.time_s, core, c="#222222", lw=1.5, label="core (in holds from the sensor)")
+    ax.plot(
+        log.time_s, core, c="#222222", **figures.curve(0), label="core (in holds from the sensor)"
+    )
     body = fit.response.other + log.ambient_C
-    ax.plot(log.time_s, body, c=BODY_COLOUR, lw=1.5, label="body")
+    ax.plot(log.time_s, body, c=BODY_COLOUR, label="body", **figures.curve(1))
     ax.set(ymargin=0.1, ylabel="model\n[°C]")
     ax.legend(**figures.BESIDE)
 

@@ -18,8 +18,7 @@ from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.robot.coordinates import Array
 
-_MEASURED: dict[str, Any] = {"ls": "-", "lw": 1.6}
-_SIMULATED: dict[str, Any] = {"ls": "--", "lw": 1.2}
+_MEASURED, _SIMULATED = "-", "--"
 _NAMES = ("x", "y", r"$\varphi$", r"$\kappa_1$", r"$\kappa_2$")
 _PANELS = (  # columns of q, what they are
     (slice(0, 2), "position [m]"),
@@ -52,8 +51,8 @@ def plot_trials(
             ax.set_xlabel("row of the log")
         grid[-1][3].set_xlabel("time since the log begins [s]")
         entries = {
-            "measured": plane.line("0.2", _MEASURED["lw"]),
-            "simulated, held at its end": plane.line("0.2", _SIMULATED["lw"], "--"),
+            "measured": plane.line("0.2", 1.6),
+            "simulated, held at its end": plane.line("0.2", 1.2, "--"),
             "x, heading, segment 1": plane.line(figures.SEGMENT_COLOURS[0], 4),
             "y, segment 2": plane.line(figures.SEGMENT_COLOURS[1], 4),
             "moving": Patch(fc=figures.SOFT_COLOUR, alpha=0.35),
@@ -65,11 +64,11 @@ def plot_trials(
 def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None:
     rows = np.arange(max(len(log.q), len(simulation)))
     for ax, (columns, label) in zip(axes, _PANELS, strict=False):
-        for q, look in ((log.q, _MEASURED), (simulation, _SIMULATED)):
+        for q, dashes in ((log.q, _MEASURED), (simulation, _SIMULATED)):
             held = q[np.minimum(rows, len(q) - 1)][:, columns]
             shown = slice(0, len(q)) if q is log.q else slice(None)
-            for column, colour in zip(held.T, figures.SEGMENT_COLOURS, strict=False):
-                ax.plot(rows[shown], column[shown], c=colour, **look)
+            for j, column in enumerate(held.T):
+                ax.plot(rows[shown], column[shown], **figures.segment_curve(j, dashes))
         ax.set_ylabel(label)
     left = np.linalg.norm(log.q - simulation[-1], axis=1)
     ax = axes[3]

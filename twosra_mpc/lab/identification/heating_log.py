@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import number, read_text, reading
 from twosra_mpc.robot.coordinates import Array
@@ -193,6 +194,7 @@ def freeze(record: HeatingLog | EvenLog) -> None:
             value.setflags(write=False)
 
 
+@public
 def read_heating_log(path: str | Path, ambient_C: float | None = None) -> HeatingLog:
     """Read a CSV file.
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification import log_fit, plausibility
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
@@ -180,6 +181,7 @@ class ThermalFit:
         return f"{log}: residual {rms:z.2g} C (RMS) at the sensor"
 
 
+@public
 def identify(
     log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None, segment: int = 0
 ) -> ThermalFit:

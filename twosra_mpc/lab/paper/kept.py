@@ -18,7 +18,7 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_json
-from twosra_mpc.version import __version__
+from twosra_mpc.installation import __version__
 
 Tell = Callable[[str], None]
 Data = dict[str, Any]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import plain_data, write_json, write_text
+from twosra_mpc.installation import __version__
 from twosra_mpc.lab.paper import (
     applications,
     equations,
@@ -25,7 +26,6 @@ from twosra_mpc.lab.paper.kept import Data, Kept, Tell
 from twosra_mpc.lab.paper.paper_page import paper_page
 from twosra_mpc.lab.paper.section import Section
 from twosra_mpc.lab.photographs.picture import Camera
-from twosra_mpc.version import __version__
 
 PAGE, NUMBERS, PARTS = "report.html", "numbers.json", "parts"
 SEGMENT_M = 0.04

@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from twosra_mpc.lab.figures.path_figure import plot_paths
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal
 from twosra_mpc.lab.paper.kept import Data, Part, Tell
 from twosra_mpc.lab.paper.section import Picture, Section
-from twosra_mpc.plotting.path_figure import plot_paths
 from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.path_fitting import CASES, fit_spirals
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.installation import install_command
+from twosra_mpc.installation import require
 from twosra_mpc.lab.photographs.picture import Camera, Mask, Photograph, upsampled
 from twosra_mpc.robot.coordinates import Array
 
@@ -93,11 +92,9 @@ def _thinned(bright: Mask, seed: int) -> Mask:
     The published bilateral filter (9, 75, 75) of black and white in 8 bits leaves what is white. It
     lifts what has 20 of the 49 pixels around it white to grey 1: white to the medial axis.
     """
-    try:
-        from skimage.morphology import medial_axis
-    except ImportError as error:
-        needed = f"an installed scikit-image ({install_command(EXTRA)})"
-        raise InputError("estimator", "published", needed) from error
+    require("the published estimator", EXTRA, "scikit-image")
+    from skimage.morphology import medial_axis
+
     around = ndimage.convolve(bright.astype(np.int_), _DISC, mode="nearest")
     bright = ndimage.binary_dilation(bright | (around >= _LIFTED), _BRUSH)
     bright = ndimage.binary_erosion(bright, _BRUSH, border_value=1)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.installation import install_command
+from twosra_mpc.installation import require
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
 from twosra_mpc.lab.reproduction.published_model import checked_configuration
@@ -195,11 +195,9 @@ def _points(column: Array) -> Array:
 
 def _warped(points: Array, others: Array) -> tuple[float, Array]:
     """Sum of Euclidean distances along the best path, and the path: pairs of rows, (pairs, 2)."""
-    try:
-        import similaritymeasures  # type: ignore[import-untyped]
-    except ImportError as error:
-        needed = f"an installed similaritymeasures ({install_command(EXTRA)})"
-        raise InputError("dtw", "not available", needed) from error
+    require("time warping as published", EXTRA, "similaritymeasures")
+    import similaritymeasures  # type: ignore[import-untyped]
+
     cumulative = _cumulative(cdist(points, others))
     return float(cumulative[-1, -1]), similaritymeasures.dtw_path(cumulative)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TypeVar
 
 import numpy as np
@@ -82,8 +82,12 @@ def relaxation(problem: Problem) -> MissionRelaxation:
     """Rates, speeds and room of a problem's robot."""
     robot, facts = problem.robot, bending(problem.robot)
     n, limits = robot.coordinates.segments, robot.limits
-    here = facts.coordinates(problem.start.kappa_per_m).tolist()
-    most = [facts.coordinate(limits.curvature_per_m, j) for j in range(n)]
+
+    @lru_cache(1)
+    def room() -> Intervals:
+        here = facts.coordinates(problem.start.kappa_per_m).tolist()
+        most = [facts.coordinate(limits.curvature_per_m, j) for j in range(n)]
+        return tuple((-w - at, w - at) for w, at in zip(most, here, strict=True))
 
     def speed_m_s(mode: Mode) -> float:
         if is_rigid(mode):
@@ -91,7 +95,7 @@ def relaxation(problem: Problem) -> MissionRelaxation:
         return facts.largest_speed_m_s(mode)
 
     return MissionRelaxation(
-        room=tuple((-w - at, w - at) for w, at in zip(most, here, strict=True)),
+        room=room,
         rate=lambda mode: facts.fastest(mode, (None,) * n),
         speed_m_s=speed_m_s,
         soft_travel_m=limits.soft_travel_m if problem.world_at_start.obstacles else math.inf,
@@ -222,6 +226,7 @@ def bending_task(problem: Problem) -> BendingTask:
             begin, end = begin + max(least - 1, 0) * step, begin + min(least + 1, last) * step
         return None
 
+    @lru_cache(64)  # many sequences lead through the same shapes
     def shapeless(within: Intervals) -> bool:
         least, most = map(facts.curvatures, zip(*within, strict=True))
         box = np.subtract(least, BEYOND_PER_M), np.add(most, BEYOND_PER_M)

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.contact.cage import caged
-from twosra_mpc.contact.pushing import pushing_cone
+from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.errors import InputError
@@ -35,12 +34,11 @@ from twosra_mpc.problem.tasks import (
 )
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
+from twosra_mpc.space.convex import eroded, quadrangles
 from twosra_mpc.space.footprint import kept_m
-from twosra_mpc.space.outlines import eroded, quadrangles
 
 GRASP_GAP_M = 5e-4  # between the robot and what it closes around
 _OVERLAP_M = 4e-4  # with what is touched, of what is drawn around the robot

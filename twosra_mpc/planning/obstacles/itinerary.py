@@ -25,9 +25,8 @@ from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.tolerances import ROUNDING_M
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
-from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.drives import Drives
 
 _FINE = 10  # times as many nodes where something may be touched

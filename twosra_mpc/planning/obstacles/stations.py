@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, charge, out_of_effort
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import wrapped
+from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.space.screws import twists
 
 # Fractional parts of its multiples fill the unit cube evenly: powers of the root of x^4 = x + 1.

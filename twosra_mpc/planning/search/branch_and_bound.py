@@ -162,10 +162,10 @@ def dive(
     nodes, level = [tree.root()], list[tuple[float, int, Node]]()
     while nodes:
         found = [
-            (round(tree.bound(child) / _ALIKE), place, child)
+            (round(bound / _ALIKE), place, child)
             for node in nodes
             for place, child in enumerate(children(node))
-            if tree.bound(child) < math.inf
+            if (bound := tree.bound(child)) < math.inf
         ]
         if not found:
             break

@@ -29,13 +29,13 @@ class MissionRelaxation:
     """How far and how fast the bending coordinates may go.
 
     Attributes:
-        room: (low, high) of each segment: change of W since t = 0 that curvature limits allow.
+        room: Asks for (low, high) of each segment: change of W since t = 0 that limits allow.
         rate: Mode -> upper bound of abs(dW/dt), for every shape.
         speed_m_s: Mode -> upper bound of the speed of b0; infinite where none is known.
         soft_travel_m: How far b0 comes in a block of soft phases, at most.
     """
 
-    room: Intervals
+    room: Callable[[], Intervals]
     rate: Callable[[Mode], float]
     speed_m_s: Callable[[Mode], float]
     soft_travel_m: float
@@ -83,7 +83,7 @@ def mission_bound(
     sequence = network.sequence
     rates = [relaxation.rate(mode) if any(mode) else 0.0 for mode in sequence]
     program = Relaxation(network, weights, least_durations, rates)
-    for j, room in enumerate(relaxation.room):
+    for j, room in enumerate(relaxation.room()):
         if not _bends(program, network, ends, j, room):
             return None
     for end in ends:

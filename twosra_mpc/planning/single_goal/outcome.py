@@ -74,7 +74,8 @@ def cost_s(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> 
     """Cost of the plan that a candidate makes, by its schedule [s]."""
     model, seconds = transition_model(problem), float(candidate.times[network.layout.finish])
     transitions = model.transitions(network, candidate.times.tolist())
-    energy = sum(item.energy_J(seconds) for item in model.heating(transitions))
-    weights = problem.cost_weights
+    weights, energy = problem.cost_weights, 0.0
+    if weights.energy_s_per_J:  # else nobody asks
+        energy = sum(item.energy_J(seconds) for item in model.heating(transitions))
     total = seconds + weights.energy_s_per_J * energy + weights.transition_s * len(transitions)
     return total + weights.effort * candidate.effort_s

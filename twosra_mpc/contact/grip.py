@@ -1,10 +1,12 @@
-r"""Motions in which an object held by contact alone stays where it is on the robot.
+r"""Objects held by contact: cages that they cannot leave, and motions in which friction keeps them.
+
+A cage is proved with the roles swapped: the robot keeps its shape, and the object has no way out.
 
 Sliding on the floor, slowly, an object whose limit surface is an ellipsoid resists a twist (v, w)
 about its centroid with a force and torque along :math:`(v, c^2 w)` (Lynch and Mason, 1996, after
 Howe and Cutkosky). Contact moves it with the robot if forces within friction cones at its contacts
-can be that load; such twists are a polyhedral cone. For a pressure spread evenly
-:math:`c \approx 0.6 \sqrt{A / \pi}`, A its area.
+can be that load; such twists are a polyhedral cone. For a pressure spread evenly :math:`c \approx
+0.6 \sqrt{A / \pi}`, A its area.
 """
 
 from __future__ import annotations
@@ -13,13 +15,64 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, inverse
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import inverse
 from twosra_mpc.space.contour import Contour, contacts
+from twosra_mpc.space.enclosure import disc_enclosed, polygon_enclosed
+from twosra_mpc.space.footprint import footprint
+
+_SAGITTA_M = 1e-4
+
+
+@dataclass(frozen=True)
+class Cage:
+    """Whether an object cannot leave.
+
+    Attributes:
+        proved: It cannot.
+        headings: Slices of headings that decided; 0 for a disc, 1 where it leaves without turning.
+        room_m: How far its centroid may get from where it is, at most; infinite where not proved.
+    """
+
+    proved: bool
+    headings: int
+    room_m: float
+
+    @property
+    def words(self) -> str:
+        """What to say of it."""
+        return "caged: proved, it cannot leave" if self.proved else "not proved to be caged"
+
+
+def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike) -> Cage:
+    """Whether an object cannot leave a robot in one shape, proved.
+
+    Args:
+        geometry: Lengths of the robot.
+        kappa: Its curvatures, (n,) [1/m].
+        thing: The object.
+        pose_in_b0: Where it is in the frame of b0, (3,).
+
+    Raises:
+        InputError: If robot and object overlap there by more than 0.2 mm.
+    """
+    around, outline = footprint(geometry, kappa, _SAGITTA_M).inner, thing.own
+    x, y, phi = np.asarray(pose_in_b0, dtype=float).tolist()
+    turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])  # for row vectors
+    middle = Contour.of(outline).centroid
+    at = middle @ turn + [x, y]
+    if outline.disc is not None:
+        found = disc_enclosed(around, outline.disc.radius_m, at)
+    else:
+        found = polygon_enclosed(around, (outline.corners_m - middle) @ turn, at)
+    if found is None:
+        allowed = "a pose at which robot and object do not overlap"
+        raise InputError("pose_in_b0", (x, y, phi), allowed)
+    return Cage(*found)
+
 
 _FLAT = 1e-9
 _OFF = 1e-7  # of a load, out of the cone and still held
@@ -91,6 +144,8 @@ def _facets(generators: Array) -> Array:
     flat = np.concatenate([axes[rank:], -axes[rank:]])
     own = rays @ axes[:rank].T
     if rank == 3:
+        from scipy.spatial import ConvexHull  # only then anyone waits for it
+
         hull = ConvexHull(np.vstack([np.zeros(3), own])).equations
         sides = hull[np.abs(hull[:, 3]) < _FLAT, :3]
         sides = sides[np.unique(np.round(sides, 9), axis=0, return_index=True)[1]]

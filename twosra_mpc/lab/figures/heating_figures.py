@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
 from twosra_mpc.control.controller import StiffnessController
-from twosra_mpc.control.heater_loop import HeaterRun
+from twosra_mpc.lab.identification.heater_loop import HeaterRun
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.timeline_figures import draw_stiffness, intervals_of
 from twosra_mpc.thermal.model import thresholds_C
@@ -75,17 +75,24 @@ def _draw_temperature(ax: Axes, run: HeaterRun, controller: StiffnessController)
     ax.axhline(below, c=figures.RIGID_COLOUR, label=f"rigid below {below:z.1f} °C", **style)
     ax.axhline(above, c=figures.SOFT_COLOUR, label=f"soft above {above:z.1f} °C", **style)
     setpoint = np.where(run.soft_setpoint, hold, np.nan)
-    ax.plot(run.time_s, setpoint, c="0.45", lw=1.2, ls=":", label=f"set-point {hold:z.0f} °C")
-    ax.plot(run.time_s, run.measured_C, c=MEASURED_COLOUR, lw=1.2, label="by the sensor")
-    ax.plot(run.time_s, run.temperature_C, c=TRUE_COLOUR, lw=1.6, label="segment")
+    ax.plot(
+        run.time_s, run.measured_C, c=MEASURED_COLOUR, label="by the sensor", **figures.curve(0)
+    )
+    ax.plot(run.time_s, run.temperature_C, c=TRUE_COLOUR, label="segment", **figures.curve(1))
+    dotted: dict[str, Any] = {
+        "c": "0.45",
+        "label": f"set-point {hold:z.0f} °C",
+        **figures.curve(0, ":"),
+    }
+    ax.plot(run.time_s, setpoint, **dotted)
     ax.set(ylabel="temperature\n[°C]", ymargin=0.06)
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], **figures.BESIDE)
 
 
 def _draw_melt_fraction(ax: Axes, run: HeaterRun) -> None:
-    ax.plot(run.time_s, run.melt_fraction, c=TRUE_COLOUR, lw=1.6, label="segment")
-    dashed: dict[str, Any] = {"c": MEASURED_COLOUR, "lw": 1.2, "ls": "--", "label": "estimate"}
+    ax.plot(run.time_s, run.melt_fraction, c=TRUE_COLOUR, label="segment", **figures.curve(0))
+    dashed: dict[str, Any] = {"c": MEASURED_COLOUR, "label": "estimate", **figures.curve(0, "--")}
     ax.plot(run.time_s, run.estimated_melt_fraction, **dashed)
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     ax.set(ylabel="molten", ylim=(-0.06, 1.06), yticks=(0.0, 0.5, 1.0))

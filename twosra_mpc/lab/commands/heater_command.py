@@ -11,8 +11,14 @@ from twosra_mpc.cli.options import ROBOT, SEED, choice_option, command, file_opt
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.control import thermistor
 from twosra_mpc.control.controller import stiffness_controller
-from twosra_mpc.control.heater_loop import HeaterRun, Stretch, save_run, simulate_heater, stretches
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.identification.heater_loop import (
+    HeaterRun,
+    Stretch,
+    save_run,
+    simulate_heater,
+    stretches,
+)
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 
@@ -76,7 +82,7 @@ def simulate_heater_command(
         if out is not None:
             save_run(run, out)
         if plot is not None:
-            from twosra_mpc.plotting.heating_figures import plot_heater
+            from twosra_mpc.lab.figures.heating_figures import plot_heater
 
             plot_heater(run, controller, described.name, plot)
     summed_up = stretches(run, controller.soft_setpoint_C)

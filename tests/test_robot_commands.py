@@ -1,25 +1,18 @@
-"""Comparing path models, fitting them from the command line, and checking robots."""
+"""Path models: plans under each, fits from the command line; and checking robots."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twosra_mpc import InputError, Status, load_problem, load_robot
-from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
+from twosra_mpc import InputError, Status, load_problem, load_robot, plan
+from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.cli import main
-from twosra_mpc.robot.copies import write_fitted_robot
-from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
-from twosra_mpc.robot.path_fitting import fit_spirals
+from twosra_mpc.lab.commands.fit_paths_command import write_fitted_robot
+from twosra_mpc.robot.path_fitting import PATH_MODELS, fit_spirals, with_path_model
 from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
-
-
-@pytest.fixture(scope="module")
-def comparison() -> ModelComparison:
-    return compare_models(load_problem("paper-1", robot="2sra-v1-paper"))
 
 
 def run(*arguments: str) -> int:
@@ -29,57 +22,26 @@ def run(*arguments: str) -> int:
     return ended.value.code
 
 
-def test_every_plan_ends_where_it_should_under_its_own_model(comparison: ModelComparison) -> None:
-    assert comparison.models == PATH_MODELS
-    for i, made in enumerate(comparison.results):
-        assert made.status is Status.OPTIMAL
-        assert np.abs(comparison.end_errors[i, i]).max() < 1e-6
-
-
-def test_other_models_end_elsewhere_and_the_misphased_spiral_overbends(
-    comparison: ModelComparison,
-) -> None:
-    spiral, corrected, arc = (comparison.models.index(m) for m in PATH_MODELS[:3])
-    off = ~np.eye(4, dtype=bool)
-    assert (np.abs(comparison.end_errors[off][:, 3:]).max(axis=1) > 0.5).all()
+def test_a_plan_ends_at_its_goal_under_its_own_path_model_and_elsewhere_under_others() -> None:
+    problem = load_problem("paper-1", robot="2sra-v1-paper")
+    robots = [with_path_model(problem.robot, model) for model in PATH_MODELS]
+    variants = [problem.with_values(robot=robot) for robot in robots]
+    made = [plan(variant) for variant in variants]
+    assert {each.status for each in made} == {Status.OPTIMAL}
+    samples = [each.require().samples for each in made]
+    ends = np.array(
+        [[reintegrate(moved, one)[-1] - one.q[-1] for moved in variants] for one in samples]
+    )
+    own = np.eye(len(variants), dtype=bool)
+    assert np.abs(ends[own]).max() < 1e-6
+    assert (np.abs(ends[~own][:, 3:]).max(axis=1) > 0.5).all()
     # Planned with the printed row III, a robot that bends half as fast stops half way: kappa1 goes
     # from -38 to about -25 instead of -15, kappa2 from -24 to about -14 instead of -5.
-    short = comparison.end_errors[spiral, corrected, 3:]
+    spiral, corrected, arc = (PATH_MODELS.index(model) for model in PATH_MODELS[:3])
+    short = ends[spiral, corrected, 3:]
     assert short[0] == pytest.approx(-10, abs=2)
     assert short[1] == pytest.approx(-9, abs=2)
-    made = [result.require() for result in comparison.results]
-    assert made[arc].duration_s > made[spiral].duration_s
-
-
-def test_a_model_without_a_plan_has_no_end_error() -> None:
-    problem = load_problem("paper-1", work_limit=1e-9)
-    result = compare_models(problem, ["log_spiral", "arc"])
-    assert [made.status for made in result.results] == [Status.FAILED, Status.FAILED]
-    assert np.isnan(result.end_errors).all()
-
-
-def test_compare_models_prints_both_tables(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "100")  # workers of a test run have terminals of 80
-    assert run("compare-models", "paper-2", "--robot", "2sra-v1-paper") == 0
-    out = capsys.readouterr().out
-    assert all(out.count(model) >= 3 for model in PATH_MODELS)
-    own = re.findall(r"(\w+) +(\w+) +0\.0 mm +0\.0 deg +0\.0 1/m +0\.0 1/m", out)
-    assert {(model, model) for model in PATH_MODELS} <= set(own)
-
-
-def test_compare_models_says_where_there_is_no_plan(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = "robot = '2sra-v1-paper'\nmodes = [[0,0]]\n"
-    text += "[start]\nx_m=0.0\ny_m=0.0\nphi_rad=0.0\nkappa_per_m=[0.0,0.0]\n"
-    text += "[goal]\nkappa_per_m=[10.0,0.0]\n"
-    (tmp_path / "stuck.toml").write_text(text)
-    assert run("compare-models", str(tmp_path / "stuck.toml")) == 0
-    out = capsys.readouterr().out
-    assert "infeasible" in out
-    assert "no plan" in out
+    assert made[arc].require().duration_s > made[spiral].require().duration_s
 
 
 @pytest.mark.parametrize("model", ["log_spiral", "log_spiral_corrected", "cardioid"])

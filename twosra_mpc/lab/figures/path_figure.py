@@ -6,6 +6,7 @@ leaves ``rcParams`` alone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,15 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.path_fitting import (
     CARDIOID_BEND_RAD,
+    CASES,
     SPIRAL_BENDS_RAD,
+    CardioidFit,
     Case,
-    PathCurves,
-    path_curves,
+    SpiralFit,
+    exact_path,
+    fit_cardioids,
+    fit_spirals,
+    polar,
 )
 
 POSES = 4  # bends the fibre is drawn at, evenly from straight on
@@ -50,6 +56,27 @@ UNIT["mec"] = figures.METAL_COLOUR
 HELD: dict[str, Any] = {"ls": "", "marker": "o", "ms": 5.0, "mfc": "white", "zorder": 8}
 HELD["mec"] = "#222222"
 CENTRE: dict[str, Any] = {"ls": "", "marker": "+", "ms": 7.0, "mew": 1.6, "zorder": 9}
+
+
+@dataclass(frozen=True, eq=False)
+class PathCurves:
+    """What a figure of one case shows, in units of l, for bends from straight towards +y.
+
+    Attributes:
+        case: I, II or III.
+        exact: Moving fibre end, over the range of Table I, (n, 2).
+        spiral: The spiral at the same turns about its centre, (n, 2).
+        cardioid: The cardioid, over the range it was fitted to, (n, 2).
+        spiral_fit: The spiral's parameters.
+        cardioid_fit: The cardioid's parameters.
+    """
+
+    case: Case
+    exact: Array
+    spiral: Array
+    cardioid: Array
+    spiral_fit: SpiralFit
+    cardioid_fit: CardioidFit
 
 
 def plot_paths(
@@ -76,6 +103,22 @@ def plot_paths(
             _draw_case(ax, robot.geometry, case_curves)
         _legend(figure, alpha_max)
     return figure
+
+
+def path_curves(
+    geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD, points: int = 241
+) -> tuple[PathCurves, PathCurves, PathCurves]:
+    """Exact path and fitted curves of the three cases, as points to draw, in units of l."""
+    length, curves = geometry.lengths_m[0], []
+    fits = zip(CASES, fit_spirals(geometry), fit_cardioids(geometry, alpha_max), strict=True)
+    for case, spiral, cardioid in fits:
+        bends = np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points)
+        exact = exact_path(case, geometry, bends) / length
+        drawn = spiral.points(polar(exact, *spiral.centre)[1])
+        successor = cardioid.points(np.linspace(0.0, alpha_max, points)) / length
+        curves.append(PathCurves(case, exact, drawn, successor, spiral, cardioid))
+    one, two, three = curves
+    return one, two, three
 
 
 def _title(robot: Robot) -> str:

@@ -1,0 +1,324 @@
+"""Other plans than the one that is explained, found by planning again, and what they cost more.
+
+All are compared at full speed: gentle plans all cost as much as the gap allows. Of a goal: the next
+best mode sequence, the plan without a mode, with one heater, with slower transitions. Among
+obstacles, where each takes longer to plan: the next best mode sequence, the next best way round
+(the narrowest gap that b0 goes through closed), and the plan that keeps 5 mm more clearance. Of
+tasks: goal by goal, and in other orders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from twosra_mpc.analysis.goal_by_goal import TEMPERATURES, goal_by_goal, goals
+from twosra_mpc.analysis.transition_speed import slowed
+from twosra_mpc.checking.verification import verify
+from twosra_mpc.errors import InputError
+from twosra_mpc.planning.planner import plan_until_interrupted, plan_without
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
+from twosra_mpc.plans.stages import task_words
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Task, orders
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
+
+SLOWER = 1.5  # how many times slower a freeze or a melt is made
+FARTHER_M = 0.005  # how much more clearance is asked for
+MOST_ORDERS = 5  # other orders of tasks that are planned
+
+_ROUNDS = 8  # how often a sequence that only adds unused phases is set aside
+_BETTER = "cheaper than the plan that was to be explained: found among the alternatives"
+_SAME_S = 1e-5  # events closer than this are one
+_LOOKS = 200  # at a phase
+
+Tell = Callable[[str], None]
+Change = tuple[str, Callable[[], tuple[Problem, str]]]  # in words, and how to make it
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """Another plan, and what it costs more.
+
+    Attributes:
+        change: What is different, e.g. "without mode [1,0]".
+        details: What exactly was changed, or what the other plan does; may be empty.
+        original: The plan that is explained, at full speed.
+        results: Of planning the changed problem, each with its own status and gap: several where
+            goals are planned one after the other, none if the change makes no valid problem.
+    """
+
+    change: str
+    details: str
+    original: Plan
+    results: tuple[Result, ...]
+
+    @property
+    def result(self) -> Result | None:
+        """What planning came to, if one plan was asked for."""
+        return self.results[0] if len(self.results) == 1 else None
+
+    @property
+    def plan(self) -> Plan | None:
+        """The other plan, if there is one."""
+        return None if self.result is None else self.result.plan
+
+    @property
+    def cost(self) -> float | None:
+        """Cost of all plans together [s]; None where one is missing."""
+        costs = [each.plan.cost.total for each in self.results if each.plan]
+        return sum(costs) if self.results and len(costs) == len(self.results) else None
+
+    @property
+    def difference_s(self) -> float | None:
+        """Cost less that of the original [s]; None without a plan."""
+        return None if self.cost is None else self.cost - self.original.cost.total
+
+    @property
+    def difference(self) -> float | None:
+        """``difference_s`` relative to the cost of the original."""
+        if self.difference_s is None or not self.original.cost.total:
+            return None
+        return self.difference_s / self.original.cost.total
+
+    @property
+    def outcome(self) -> str:
+        """What came of it, in words."""
+        if self.result is None:
+            return self.details
+        return f"{self.result.message} ({self.details})" if self.details else self.result.message
+
+    @property
+    def price(self) -> str:
+        """``difference_s`` and ``difference`` in words; empty where there is no plan."""
+        more_s = self.difference_s
+        if more_s is None:
+            return ""
+        if more_s < -_SAME_S:
+            return f"{-more_s:z.2f} s less: this plan is not the best"
+        percent = 100 * (self.difference or 0.0)
+        digits = 1 if abs(percent) >= 1 else 3
+        return f"{more_s:+z.2f} s ({percent:+z.{digits}f} %)"
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, [self.change, self.price, self.outcome]))
+
+
+def alternatives(
+    made: Plan, other_orders: Sequence[tuple[Task, ...]], tell: Tell
+) -> Iterator[Alternative]:
+    """Plan one alternative after the other.
+
+    Args:
+        made: The plan.
+        other_orders: Of its tasks, those to be planned.
+        tell: Told what is planned next.
+
+    Raises:
+        KeyboardInterrupt: At Ctrl-C, where the planner does not return what it has.
+    """
+    problem = made.problem
+    if problem.drives_gently or problem.order != "given":
+        problem = problem.with_values(motion="fastest", order="given")
+    if problem.tasks:
+        yield from _of_tasks(made, problem, other_orders, tell)
+        return
+    original = _at_full_speed(made, problem, tell)
+    tell("the next best mode sequence")
+    yield next_best(original)
+    among = original.problem.obstacles
+    for change, changed in _changes_among_obstacles(original) if among else _changes(original):
+        tell(change)
+        try:
+            problem, details = changed()
+            yield Alternative(change, details, original, (plan_until_interrupted(problem),))
+        except InputError as error:
+            yield Alternative(change, f"no such problem: {error}", original, ())
+
+
+def orders_not_planned(made: Plan) -> list[tuple[Task, ...]]:
+    """Orders of the tasks that may be exchanged, other than the plan's; none without tasks."""
+    found = dict.fromkeys(orders(made.problem.tasks, made.problem.start.holding))
+    return [order for order in found if order != made.problem.tasks]
+
+
+def _of_tasks(
+    made: Plan, problem: Problem, other_orders: Sequence[tuple[Task, ...]], tell: Tell
+) -> Iterator[Alternative]:
+    """Goal by goal, where there are several goals, and in other orders."""
+    several = len(list(goals(problem))) > 1
+    if not (several or other_orders):
+        return
+    original = _at_full_speed(made, problem, tell)
+    melts = sum(item.to == "soft" for item in original.transitions)
+    for temperatures, words in TEMPERATURES.items() if several else ():
+        way = goal_by_goal(original.problem, temperatures, on_progress=tell)
+        details = str(way) if way.trouble else f"{way}, in one plan {melts}"
+        results = () if way.trouble else way.results
+        yield Alternative(f"goal by goal, {words}", details, original, results)
+    for tasks in other_orders:
+        begun = (task_words(t, i) for i, t in enumerate(tasks, start=1) if not t.needs_held)
+        change = f"in the order {', '.join(begun)}"
+        tell(change)
+        found = plan_until_interrupted(original.problem.with_values(tasks=tasks))
+        yield Alternative(change, "", original, (found,))
+
+
+def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:
+    """The result with the cheapest other plan that solves its problem for less; None: none does.
+
+    Tasks may be done in the other plan's order.
+    """
+    made, solving = result.require(), list[Plan]()
+    for other in others:
+        if other.plan is not None and (other.difference_s or 0.0) < -_SAME_S:
+            asked = made.problem.with_values(tasks=other.plan.problem.tasks)
+            same = replace(other.plan.trajectory, problem=asked)
+            if (checked := verify(same)).ok:
+                bound = made.lower_bound
+                solving.append(
+                    replace(other.plan, trajectory=same, verification=checked, lower_bound=bound)
+                )
+    better = min(solving, key=lambda each: each.cost.total, default=None)
+    if better is None:
+        return None
+    return replace(result, plan=better, status=better.status, message=f"{better}; {_BETTER}")
+
+
+def _at_full_speed(made: Plan, problem: Problem, tell: Tell) -> Plan:
+    """The plan itself if it costs no more than at full speed, or the best plan that is.
+
+    Args:
+        made: The plan.
+        problem: What it solves, without gentleness.
+        tell: Told what is planned.
+    """
+    if made.problem is problem:
+        return made
+    if made.slower_by == 0.0:
+        return replace(made, trajectory=replace(made.trajectory, problem=problem))
+    tell("the same at full speed")
+    quickest = plan_until_interrupted(problem)
+    if quickest.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return quickest.plan or made
+
+
+def _changes(original: Plan) -> Iterator[Change]:
+    """Yield what is to be changed, in words, and how to change it."""
+    problem = original.problem
+    for mode in dict.fromkeys(moving_modes(original)):
+        modes = tuple(other for other in problem.modes if other != mode)
+        yield f"without mode {mode_name(mode)}", partial(_with, problem, modes=modes)
+    if problem.heaters_at_once > 1 and original.transitions:
+        yield "with one heater at a time", partial(_with, problem, heaters_at_once=1)
+    kinds = {item.to for item in original.transitions}
+    if "rigid" in kinds:
+        yield f"freezing {SLOWER:zg} times slower", partial(slowed, problem, "freeze", SLOWER)
+    if "soft" in kinds:
+        yield f"melting {SLOWER:zg} times slower", partial(slowed, problem, "melt", SLOWER)
+
+
+def _changes_among_obstacles(
+    original: Plan,
+) -> Iterator[Change]:
+    """As `_changes`: another way round, and farther from all obstacles."""
+    from twosra_mpc.checking.clearance import check_obstacles
+    from twosra_mpc.space.gaps import gaps_through
+
+    problem, moving = original.problem, [phase[1:] for phase in original.phases]
+    times = np.concatenate([np.linspace(*ends, _LOOKS) for ends in moving])
+    for gap in gaps_through(problem.world, original.trajectory.at(times).q[:, :2]):
+        closed = problem.with_values(obstacles=(*problem.obstacles, gap.closed))
+        try:
+            check_obstacles(closed)
+        except InputError:  # start or goal are in this gap
+            continue
+        yield f"the next best way round: {gap} closed", partial(_with, closed)
+        break
+    farther = problem.clearance_m + FARTHER_M
+    change = f"with {1e3 * FARTHER_M:zg} mm more clearance"
+    yield change, partial(_with, problem, clearance_m=farther)
+
+
+def _with(problem: Problem, **changes: object) -> tuple[Problem, str]:
+    return problem.with_values(**changes), ""
+
+
+def next_best(original: Plan) -> Alternative:
+    """Plan with another mode sequence, one that differs in the phases in which something moves.
+
+    Sequences whose further phases stay empty only melt and freeze for nothing; where only such are
+    found, the cheapest of them is the answer.
+    """
+    excluded = _sequences(original)
+    cheapest = found = plan_without(original.problem, frozenset(excluded))
+    for _ in range(1 if original.problem.obstacles else _ROUNDS):
+        other = found.plan
+        if other is None or found.ending is Ending.INTERRUPTED or _differ(other, original):
+            break
+        known = len(excluded)
+        excluded |= _sequences(other)
+        if len(excluded) == known:
+            break
+        found = plan_without(original.problem, frozenset(excluded))
+    if found.plan is not None and _differ(found.plan, original):
+        return Alternative("with the next best mode sequence", "", original, (found,))
+    details = ""
+    if cheapest.found and cheapest.lower_bound is not None:
+        details = f"melts more than it needs; none costs less than {cheapest.lower_bound:z.1f} s"
+    return Alternative("with any other mode sequence", details, original, (cheapest,))
+
+
+def _differ(one: Plan, other: Plan) -> bool:
+    return moving_modes(one) != moving_modes(other)
+
+
+def moving_modes(made: Plan) -> ModeSequence:
+    """Modes of the phases in which something moves, none twice in a row."""
+    return _merged(made.sequence)
+
+
+def _merged(modes: Sequence[Mode]) -> ModeSequence:
+    return tuple(mode for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1])
+
+
+def _sequences(made: Plan) -> set[ModeSequence]:
+    """The complete mode sequences of a plan: by its phases alone, and with those left empty."""
+    problem = made.problem
+    passed = [mode for mode in _passed_modes(made) if mode in problem.modes]
+    return {
+        complete_sequence(moving_modes(made), problem),
+        complete_sequence(_merged(passed), problem),
+    }
+
+
+def complete_sequence(modes: ModeSequence, problem: Problem) -> ModeSequence:
+    """Add the rigid phases that open and close a sequence in the search."""
+    rigid = problem.robot.rigid
+    if rigid not in problem.modes:
+        return modes
+    opening = (rigid,) if problem.start_mode == rigid else ()
+    closing = (rigid,) if problem.goal.mode == rigid else ()
+    return _merged((*opening, *modes, *closing))
+
+
+def _passed_modes(made: Plan) -> list[Mode]:
+    """Stiffness of the segments whenever none of them is changing, in order of time."""
+    changes = made.transitions
+    moments = {0.0, *(t.onset_s for t in changes), *(t.done_s for t in changes)}
+    passed: list[Mode] = []
+    for now in sorted(moments):
+        if any(t.onset_s + _SAME_S < now < t.done_s - _SAME_S for t in changes):
+            continue
+        mode = list(made.problem.start_mode)
+        for item in sorted(changes, key=lambda t: t.done_s):
+            if item.done_s <= now + _SAME_S:
+                mode[item.segment - 1] = int(item.to == "soft")
+        passed.append(tuple(mode))
+    return passed

@@ -1,0 +1,152 @@
+"""A mission planned one goal after the other, as if nothing came after: what one plan saves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.planning.planner import plan_until_interrupted
+from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.plans.result import Result
+from twosra_mpc.plans.stages import task_words
+from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.problem.goals import Anywhere
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Task
+from twosra_mpc.robot.coordinates import POSE, Array
+
+TEMPERATURES = {"cold": "each from cold", "carried on": "with temperatures carried on"}
+_CLEARLY_K = 0.5  # least distance of a segment's temperature from where it melts
+
+
+@dataclass(frozen=True, eq=False)
+class GoalByGoal:
+    """A mission planned one goal after the other.
+
+    Attributes:
+        temperatures: What a plan begins with: those the one before ends with, or ``"cold"``, those
+            of the air. How long metal takes to become as cold is not counted.
+        tasks: What each plan is for, in words.
+        results: Of planning; the last one may have no plan, then nothing was planned after it.
+        trouble: Why there is no plan of a goal; empty where there are all.
+    """
+
+    temperatures: str
+    tasks: tuple[str, ...]
+    results: tuple[Result, ...]
+    trouble: str = ""
+
+    @property
+    def cost(self) -> float | None:
+        """What all plans cost together [s]; None where one is missing."""
+        return None if self.trouble else sum(each.require().cost.total for each in self.results)
+
+    @property
+    def melts(self) -> int:
+        """How many segments are melted in all plans."""
+        made = [item for each in self.results if each.plan for item in each.plan.transitions]
+        return sum(item.to == "soft" for item in made)
+
+    def __str__(self) -> str:
+        if self.cost is None:
+            return self.trouble
+        each = " + ".join(f"{one.require().cost.total:z.1f}" for one in self.results)
+        return f"{each} = {self.cost:z.1f} s; melts: {self.melts}"
+
+
+def goal_by_goal(
+    problem: Problem,
+    temperatures: str = "carried on",
+    *,
+    on_progress: Callable[[str], None] | None = None,
+) -> GoalByGoal:
+    """Plan the goals of a mission one after the other, in the order given.
+
+    Each begins where the plan before ends, with the object that is held then. Boxes to pass belong
+    to the goal after them.
+
+    Args:
+        problem: The mission.
+        temperatures: "carried on", or "cold": every plan begins with cold, rigid segments.
+        on_progress: Told what is planned next.
+
+    Raises:
+        KeyboardInterrupt: At Ctrl-C.
+    """
+    tell = on_progress or (lambda _: None)
+    names, results, before = list[str](), list[Result](), None
+    for words, tasks, goal_is_last in goals(problem):
+        tell(f"{words}, {TEMPERATURES[temperatures]}")
+        names.append(words)
+        try:
+            one = _alone(problem, tasks, goal_is_last)
+            if before is not None:
+                one = _from_the_end_of(before, one, cold=temperatures == "cold")
+            result = plan_until_interrupted(one)
+        except InputError as error:
+            trouble = f"no plan to {words} from there: {error}"
+            return GoalByGoal(temperatures, tuple(names), tuple(results), trouble)
+        results.append(result)
+        if result.ending is Ending.INTERRUPTED:
+            raise KeyboardInterrupt
+        if not result.found:
+            trouble = f"no plan to {words} from there: {result.message}"
+            return GoalByGoal(temperatures, tuple(names), tuple(results), trouble)
+        before = result.require().trajectory
+    return GoalByGoal(temperatures, tuple(names), tuple(results))
+
+
+def goals(problem: Problem) -> Iterator[tuple[str, tuple[Task, ...], bool]]:
+    """Yield what each goal is in words, its tasks, and whether it is the problem's own goal."""
+    before: tuple[Task, ...] = ()
+    for number, task in enumerate(problem.tasks, start=1):
+        before = (*before, task)
+        if task.rests:
+            yield task_words(task, number), before, False
+            before = ()
+    if before or not problem.ends_anywhere:
+        yield "reach the goal", before, True
+
+
+def _alone(problem: Problem, tasks: tuple[Task, ...], goal_is_last: bool) -> Problem:
+    """The problem of one goal, as if nothing came after it."""
+    given = {"order": "given", "start": problem.start.with_values(holding=None)}
+    if goal_is_last:
+        return problem.with_values(**given, tasks=tasks)
+    *passed, last = tasks
+    if last.as_goal is not None:
+        return problem.with_values(**given, tasks=tuple(passed), goal=last.as_goal)
+    if last.needs_held:
+        given["start"] = problem.start.with_values(holding=last.about)
+    return problem.with_values(**given, tasks=tasks, goal=Anywhere())
+
+
+def _from_the_end_of(before: Trajectory, problem: Problem, *, cold: bool) -> Problem:
+    """The problem from where a plan ends: objects are there, and perhaps it is still warm."""
+    end = before.at([before.duration_s])
+    x_m, y_m, phi_rad, *kappa_per_m = end.q[0].tolist()
+    start = problem.start.with_values(
+        x_m=x_m,
+        y_m=y_m,
+        phi_rad=phi_rad,
+        kappa_per_m=tuple(kappa_per_m),
+        temperature_C=None if cold else _temperatures(problem, end.temperature_C[0], end.mode[0]),
+    )
+    poses = object_poses(before, end.t_s)[0] if problem.objects else np.zeros((0, POSE))
+    objects = [
+        item.with_values(pose=dict(zip(("x_m", "y_m", "phi_rad"), pose, strict=True)))
+        for item, pose in zip(problem.objects, poses.tolist(), strict=True)
+    ]
+    return problem.with_values(start=start, objects=tuple(objects))
+
+
+def _temperatures(problem: Problem, measured_C: Array, mode: Array) -> tuple[float, ...]:
+    """Temperatures that are clearly of the stiffness that segments have."""
+    solid, liquid = np.array(problem.segment_thresholds_C).T
+    soft = np.maximum(measured_C, liquid + _CLEARLY_K)
+    rigid = np.minimum(measured_C, solid - _CLEARLY_K)
+    return tuple(np.where(mode, soft, rigid).tolist())

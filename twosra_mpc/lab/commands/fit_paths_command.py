@@ -1,0 +1,107 @@
+"""``twosra fit-paths``: spirals and cardioids for the lengths of a robot's fibre."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+import tomlkit
+
+from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.files import write_text
+from twosra_mpc.robot import paths
+from twosra_mpc.robot.copies import robot_document
+from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.path_fitting import CASES, fit_cardioids, fit_spirals, fitted_path_tables
+
+_FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
+
+
+@command("fit-paths")
+@click.argument("robot", **ROBOT)
+@file_option("--out", "Write a robot file with the fit.")
+@choice_option("Which fit goes into --out.", _FITTED, "--model")
+@plot_option("Draw exact and fitted paths")
+def fit_paths_command(
+    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
+) -> None:
+    """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
+
+    The spirals are fitted as Table I of the paper was; the table printed shows both.
+
+    \b
+    How well do spirals and cardioids follow the exact arcs?
+      twosra fit-paths 2sra-v1 --plot paths.png
+    A robot file for your own fibre's lengths, with its comments kept:
+      twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
+    """
+    described = load_robot(robot)
+    with output.progress("fitting"):
+        if out is not None:
+            write_fitted_robot(robot, out, described, model)
+        if plot is not None:
+            from twosra_mpc.lab.figures.path_figure import (
+                plot_paths,  # importing matplotlib is slow
+            )
+
+            plot_paths(described, plot)
+    spirals, cardioids = fit_spirals(described.geometry), fit_cardioids(described.geometry)
+    document = {
+        "robot": described.name,
+        "path": described.path.model_dump(mode="json"),
+        "cases": CASES,
+        "spirals": spirals,
+        "cardioids": cardioids,
+    }
+    given_spirals, given_cardioids = _parameters_in_words(described.path)
+    spiral_rows = [
+        (case, f"{fit.scale:z.4f}, {fit.growth:z.4f}", given, f"{fit.rms_l:z.4f}, {fit.max_l:z.4f}")
+        for case, fit, given in zip(CASES, spirals, given_spirals, strict=True)
+    ]
+    cardioid_rows = []
+    for case, fit, given in zip(CASES, cardioids, given_cardioids, strict=True):
+        residual = f"{1e3 * fit.rms_m:z.3f}, {1e3 * fit.max_m:z.3f}"
+        cardioid_rows.append(
+            (case, f"{fit.radius_m:z.4f}, {fit.phi_per_alpha:z.4f}", given, residual)
+        )
+
+    def tables() -> None:
+        own = f"in {described.name}"
+        header = ("spiral", "fitted a / l, b", own, "residual / l: rms, largest")
+        print_table(header, spiral_rows)
+        header = ("cardioid", "fitted a [m], dphi/dalpha", own, "residual [mm]: rms, max")
+        print_table(header, cardioid_rows)
+
+    output.report(lambda: document, tables)
+
+
+def _parameters_in_words(path: paths.Path) -> tuple[list[str], list[str]]:
+    """Return the two parameters of each spiral and of each cardioid; "-" where it has none."""
+    spirals: Iterable[tuple[float, float]] = ()
+    cardioids: Iterable[tuple[float, float]] = ()
+    if isinstance(path, paths.LogSpiralPath):
+        spirals = zip(path.scale, path.growth, strict=True)
+    elif isinstance(path, paths.CardioidPath):
+        cardioids = zip(path.radius_m, path.phi_per_alpha, strict=True)
+    told = [[f"{a:z.4f}, {b:z.4f}" for a, b in pairs] for pairs in (spirals, cardioids)]
+    return told[0] or ["-"] * len(CASES), told[1] or ["-"] * len(CASES)
+
+
+def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:
+    """Write a copy of a robot file whose ``[path]`` table is fitted to its lengths.
+
+    Everything else, comments included, stays as it is.
+
+    Raises:
+        InputError: If ``source`` is not TOML, or ``target`` cannot be written.
+    """
+    document = robot_document(source)
+    table = tomlkit.table()
+    for key, value in fitted_path_tables(robot)[model].items():
+        table.add(key, value)
+    table.comment("fitted to the exact paths of this robot's lengths")
+    table.add(tomlkit.nl())
+    document["path"] = table
+    write_text(target, tomlkit.dumps(document))
