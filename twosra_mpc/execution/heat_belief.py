@@ -27,9 +27,8 @@ _DOUBT_K = 0.7  # off by more, the heater waits
 _FITS_K, _AS_WELL = 0.45, 1.4  # so far off at most, or so many times as far as the best, it is left
 _FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
 _RENEWED = 0.4  # share of those left below which the others are replaced
-_SPREAD, _LEAST_SPREAD = 0.3, 0.03  # of the new: of those left, and of the margin
+_SPREAD, _LEAST_SPREAD = 0.3, 0.003  # of the new: of those left, and of the ranges
 _NEARER = 1 - math.sqrt(1 - _SPREAD**2)
-_LEARNED, _UNLEARNED = 0.1, 0.1  # of what others are not, the new are not; but near them
 _METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
@@ -39,6 +38,7 @@ _LAGS, _SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in
 _START_OFF_K = 3.0  # of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a first reading is believed
 _STEP_S = 0.5
+_QUIET_S, _MOST, _LOOK_AGAIN, _ROUNDS, _ELITE = 30.0, 2000, 2, 6, 10
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
 _EPS = 1e-6
 
@@ -88,7 +88,6 @@ class HeatBelief:
         low: Least values of these; of gain, lag and its share in the first of two; of whether
             firmware keeps metal warm, if rounded, (p, 1).
         high: Largest, (p, 1).
-        margin: By how much the new may always differ from those that are left, (p, 1).
         values: Of each segment, (p, n).
         state: Of its metal, by the model, each (n,).
         lag_C: Of its sensor, (2, n).
@@ -96,6 +95,10 @@ class HeatBelief:
         left: Which are left, (n,).
         taken: Steps so far, the seed of what is drawn.
         cut: Whether the heater must be off, whatever a reading says.
+        start: This belief when the metal was last surely solid, its heater off for a while.
+        since: Heat and readings since.
+        quiet_s: Time for which the heater has been off.
+        looked: Readings since all were last looked for.
     """
 
     nominal: Any
@@ -106,7 +109,6 @@ class HeatBelief:
     names: tuple[str, ...]
     low: Array
     high: Array
-    margin: Array
     values: Array
     state: tuple[Array, ...]
     lag_C: Array
@@ -114,6 +116,10 @@ class HeatBelief:
     left: NDArray[np.bool_]
     taken: int = 0
     cut: bool = False
+    start: HeatBelief | None = None
+    since: tuple[tuple[Heat, float], ...] = ()
+    quiet_s: float = 0.0
+    looked: int = 0
 
     @property
     def off_K(self) -> float:
@@ -146,12 +152,108 @@ class HeatBelief:
         """Warm all, and compare them with a reading, if there is one."""
         now = self._warmed(heat) if heat.passed_s else self
         if shown_C is None:
-            return now
+            return now._remembering(heat, math.nan)
         forgotten = math.exp(-heat.passed_s / _FORGET_S)
-        worst_K = np.maximum(np.abs(now.lag_C[1] - shown_C), now.worst_K * forgotten)
+        now = now._compared(shown_C, forgotten)._remembering(heat, shown_C)
+        if now.off_K > _DOUBT_K and now.looked >= _LOOK_AGAIN:
+            now = now._looked_for()
+        return (now._renewed() if now.left.mean() < _RENEWED else now)._judged()
+
+    def _compared(self, shown_C: float, forgotten: float) -> HeatBelief:
+        worst_K = np.maximum(np.abs(self.lag_C[1] - shown_C), self.worst_K * forgotten)
         left = worst_K <= max(_FITS_K, _AS_WELL * float(worst_K.min()))
-        now = replace(now, worst_K=worst_K, left=left)
-        return (now._renewed() if left.mean() < _RENEWED else now)._judged()
+        return replace(self, worst_K=worst_K, left=left)
+
+    def _remembering(self, heat: Heat, shown_C: float) -> HeatBelief:
+        """Remember a reading, or begin anew where the metal is surely solid."""
+        quiet_s = 0.0 if heat.share + heat.unknown > 0.0 else self.quiet_s + heat.passed_s
+        solid = quiet_s >= _QUIET_S and self.off_K <= _FITS_K and self._surely_solid
+        if solid or self.start is None or len(self.since) >= _MOST:
+            start = replace(self, start=None, since=())
+            return replace(self, start=start, since=(), quiet_s=quiet_s, looked=self.looked + 1)
+        since = (*self.since, (heat, shown_C))
+        return replace(self, since=since, quiet_s=quiet_s, looked=self.looked + 1)
+
+    @property
+    def _surely_solid(self) -> bool:
+        return bool((self.model.level(self.state) <= self.model.solid_level)[self.left].all())
+
+    def _looked_for(self) -> HeatBelief:
+        """Look for healthy segments that would have shown all since the metal was solid.
+
+        By the cross-entropy method: of those drawn over all ranges and near those that are left,
+        the best are kept, and others drawn as they are spread, some times.
+        """
+        rng, (parts, count) = np.random.default_rng([self.taken, 1]), self.values.shape
+        width, left = self.high - self.low, np.flatnonzero(self.left)
+        of = rng.choice(left, count)
+        near = self.values[:, of] + 0.1 * width * rng.standard_normal((parts, count))
+        anywhere = self.low + width * rng.random((parts, count))
+        values = np.where(np.arange(count) % 2, near, anywhere)
+        found: HeatBelief | None = None
+        for _ in range(_ROUNDS):
+            tried = self._replayed(values.clip(self.low, self.high), rng.integers(0, count, count))
+            found = tried if found is None else found._best_of(tried)
+            best = found.values[:, np.argsort(found.worst_K)[: count // _ELITE]]
+            middle, apart = best.mean(axis=1, keepdims=True), (best - best.mean(axis=1, keepdims=True))
+            mixed = rng.standard_normal((best.shape[1], count)) / math.sqrt(best.shape[1])
+            values = middle + 1.2 * apart @ mixed + 0.003 * width * rng.standard_normal((parts, count))
+        assert found is not None
+        if found.off_K >= self.off_K:
+            return replace(self, looked=0)
+        left_ = found.worst_K <= max(_FITS_K, _AS_WELL * found.off_K)
+        return replace(found, left=left_, looked=0)
+
+    def _replayed(self, values: Array, of: NDArray[np.intp]) -> HeatBelief:
+        """Segments of these parameters that were as warm as some when the metal was solid."""
+        assert self.start is not None
+        now = replace(self.start._moved(of, values), worst_K=np.zeros(len(of)), taken=self.taken)
+        for heat, shown_C in self.since:
+            now = now._warmed(heat) if heat.passed_s else now
+            if not math.isnan(shown_C):
+                now = replace(now, worst_K=np.maximum(now.worst_K, np.abs(now.lag_C[1] - shown_C)))
+        return replace(
+            self,
+            values=values,
+            model=now.model,
+            state=now.state,
+            lag_C=now.lag_C,
+            worst_K=now.worst_K,
+        )
+
+    def _best_of(self, other: HeatBelief) -> HeatBelief:
+        """As many of the segments of two beliefs as one has, those nearest to what was shown."""
+        best = np.argsort(np.concatenate([self.worst_K, other.worst_K]), kind="stable")
+        best = best[: len(self.worst_K)]
+
+        def of(mine: Array, others: Array) -> Array:
+            both: Array = np.concatenate([mine, others], axis=-1)[..., best]
+            return both
+
+        values = of(self.values, other.values)
+        mine = replace(
+            self,
+            values=values,
+            model=_as_one(self.nominal, self.names, values),
+            state=tuple(map(of, self.state, other.state)),
+            lag_C=of(self.lag_C, other.lag_C),
+            worst_K=of(self.worst_K, other.worst_K),
+        )
+        return mine
+
+    def _moved(self, of: NDArray[np.intp], values: Array) -> HeatBelief:
+        """Segments as warm and as far molten as some, of these parameters."""
+        copied = _as_one(self.nominal, self.names, self.values[:, of])
+        model = _as_one(self.nominal, self.names, values)
+        return replace(
+            self,
+            values=values,
+            model=model,
+            state=model.as_in(copied, tuple(value[of] for value in self.state)),
+            lag_C=self.lag_C[:, of],
+            worst_K=self.worst_K[of],
+            left=self.left[of],
+        )
 
     def begun(self, shown_C: float, start_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
@@ -226,42 +328,14 @@ class HeatBelief:
         rng, left, gone = self._rng(), np.flatnonzero(self.left), np.flatnonzero(~self.left)
         of = np.arange(len(self.left))
         of[gone] = rng.choice(left, len(gone))
-        values = self.values[:, of]
-        copies = replace(
-            self,
-            model=_as_one(self.nominal, self.names, values),
-            values=values,
-            state=tuple(value[of] for value in self.state),
-            lag_C=self.lag_C[:, of],
-            worst_K=self.worst_K[of],
-            left=self.left[of],
-        )
-        known = self.values[:, left]
-        spread = known.std(axis=1, keepdims=True)
-        away = _SPREAD * spread + _LEAST_SPREAD * self.margin
-        moved = away * rng.standard_normal(self.values.shape) * ~self.left
-        low, high = self.low, self.high
-        if self.off_K <= _FITS_K:
-            before = 1 - _LEARNED
-            low = np.maximum(
-                low, before * low + _LEARNED * (known.min(axis=1, keepdims=True) - self.margin)
-            )
-            high = np.minimum(
-                high, before * high + _LEARNED * (known.max(axis=1, keepdims=True) + self.margin)
-            )
+        known, values = self.values[:, left], self.values[:, of]
+        away = _SPREAD * known.std(axis=1, keepdims=True) + _LEAST_SPREAD * (self.high - self.low)
+        moved = away * rng.standard_normal(values.shape) * ~self.left
         nearer = (values - known.mean(axis=1, keepdims=True)) * ~self.left  # as widely spread
-        values = np.clip(values + moved - _NEARER * nearer, low, high)
-        new = replace(
-            copies,
-            low=low,
-            high=high,
-            values=values,
-            model=_as_one(self.nominal, self.names, values),
-        )
-        state = new.model.as_in(copies.model, copies.state)
+        new = self._moved(of, np.clip(values + moved - _NEARER * nearer, self.low, self.high))
         more_s = _METAL_S * rng.standard_normal(len(of)) * ~self.left
-        warm, cool = (new.model.rates(state, current_A) for current_A in (self.full_A, 0.0))
-        heated = zip(state, warm, cool, strict=True)
+        warm, cool = (new.model.rates(new.state, current_A) for current_A in (self.full_A, 0.0))
+        heated = zip(new.state, warm, cool, strict=True)
         return replace(new, state=tuple(value + more_s * (w - c) for value, w, c in heated))
 
     def _judged(self) -> HeatBelief:
@@ -308,7 +382,6 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         names=tuple(within),
         low=low,
         high=high,
-        margin=_UNLEARNED * (high - low),
         values=values,
         state=(nowhere,),
         lag_C=np.array([nowhere, nowhere]),
