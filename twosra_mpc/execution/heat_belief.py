@@ -211,7 +211,7 @@ class HeatBelief:
         for heat, shown_C in self.since:
             now = now._warmed(heat) if heat.passed_s else now
             if not math.isnan(shown_C):
-                now = replace(now, worst_K=np.maximum(now.worst_K, np.abs(now.lag_C[1] - shown_C)))
+                now = now._compared(shown_C, math.exp(-heat.passed_s / _FORGET_S))
         return replace(
             self,
             values=values,

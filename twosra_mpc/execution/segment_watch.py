@@ -291,7 +291,7 @@ class SegmentWatch:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
         risen_K = here_C - self._begun_s["unlike"][1]
-        if here_C > high_C and abs(risen_K) >= _SAME_K / 2:
+        if here_C > high_C and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
             if risen_K > 0.0 and self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
             if risen_K > 0.0 and here_C > self._heater.soft_setpoint_C + _HELD_K:
