@@ -167,16 +167,12 @@ class HeatBelief:
     def _remembering(self, heat: Heat, shown_C: float) -> HeatBelief:
         """Remember a reading, or begin anew where the metal is surely solid."""
         quiet_s = 0.0 if heat.share + heat.unknown > 0.0 else self.quiet_s + heat.passed_s
-        solid = quiet_s >= _QUIET_S and self.off_K <= _FITS_K and self._surely_solid
+        solid = quiet_s >= _QUIET_S and self.off_K <= _FITS_K and (shown_C or math.inf) < self.solid_C
         if solid or self.start is None or len(self.since) >= _MOST:
             start = replace(self, start=None, since=())
             return replace(self, start=start, since=(), quiet_s=quiet_s, looked=self.looked + 1)
         since = (*self.since, (heat, shown_C))
         return replace(self, since=since, quiet_s=quiet_s, looked=self.looked + 1)
-
-    @property
-    def _surely_solid(self) -> bool:
-        return bool((self.model.level(self.state) <= self.model.solid_level)[self.left].all())
 
     def _looked_for(self) -> HeatBelief:
         """Look for healthy segments that would have shown all since the metal was solid.
