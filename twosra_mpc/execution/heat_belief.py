@@ -26,8 +26,9 @@ UNLIKE_K = 1.1  # off by more is no healthy segment: of nearly all, one is neare
 _DOUBT_K = 0.7  # off by more, the heater waits
 _FITS_K, _AS_WELL = 0.45, 1.4  # so far off at most, or so many times as far as the best, it is left
 _FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
-_FORGET_UNKNOWN_S = 4.0  # of heat that nobody knows, over which a search forgets it
+_FORGET_UNKNOWN_S = 15.0  # of heat that nobody knows, over which a search forgets it
 _RENEWED = 0.4  # share of those left below which the others are replaced
+_LEARNED, _UNLEARNED = 0.1, 0.1  # of what others are not, the new are not; but near them
 _SPREAD, _LEAST_SPREAD = 0.3, 0.003  # of the new: of those left, and of the ranges
 _NEARER = 1 - math.sqrt(1 - _SPREAD**2)  # by which they are drawn in: as widely spread as before
 _METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
@@ -46,6 +47,8 @@ class HeatBelief:
 
     Attributes:
         all: The segments.
+        low: Least values of those that replace others, (p, 1).
+        high: Largest; what a robot has shown draws both nearer.
         cut_C: Temperature of the hottest from which on the heater is off.
         cut: Whether the heater must be off, whatever a reading says.
         start: The segments when the metal was last surely solid, its heater off for a while.
@@ -55,6 +58,8 @@ class HeatBelief:
     """
 
     all: HealthySegments
+    low: Array
+    high: Array
     cut_C: float
     start: HealthySegments
     cut: bool = False
@@ -106,7 +111,7 @@ class HeatBelief:
             return now._remembering(heat, shown_C)
         compared = now.all.compared(shown_C, math.exp(-heat.passed_s / _FORGET_S))
         now = replace(now, all=compared)._remembering(heat, shown_C)
-        if now.off_K > _DOUBT_K and now.looked >= _AGAIN:
+        if now.off_K > UNLIKE_K and now.looked >= _AGAIN:
             now = now._looked_for()
         return (now._renewed() if now.left.mean() < _RENEWED else now)._judged()
 
@@ -125,27 +130,30 @@ class HeatBelief:
         By the cross-entropy method: of those drawn over all ranges and near those that are left,
         the best are kept, and others drawn as they are spread, some times.
         """
-        rng, kinds, (parts, count) = self.all.rng(1), self.all.kinds, self.all.values.shape
-        width, of = kinds.high - kinds.low, self.all.rng(2).choice(np.flatnonzero(self.left), count)
+        rng, (parts, count) = self.all.rng(1), self.all.values.shape
+        width, of = self.high - self.low, self.all.rng(2).choice(np.flatnonzero(self.left), count)
 
         def noise() -> Array:
             return width * rng.standard_normal((parts, count))
 
         near = self.all.values[:, of] + _NEAR * noise()
-        values, found = np.where(np.arange(count) % 2, near, kinds.drawn(rng)), self.all
+        values = np.where(np.arange(count) % 2, near, self.low + width * rng.random((parts, count)))
+        found: HealthySegments | None = None
         for _ in range(_ROUNDS):
-            like = self.start.moved(rng.integers(0, count, count), values.clip(kinds.low, kinds.high))
+            like = self.start.moved(rng.integers(0, count, count), values.clip(self.low, self.high))
             tried = replace(like, worst_K=np.zeros(count), taken=self.all.taken)
             for heat, shown_C in self.since:
                 tried = tried.warmed(heat)
                 if shown_C is not None:
                     tried = tried.compared(shown_C, math.exp(-heat.unknown_s / _FORGET_UNKNOWN_S))
-            found = found.nearest(tried)
+            found = tried if found is None else found.nearest(tried)
             best = found.values[:, np.argsort(found.worst_K)[: count // _ELITE]]
             middle = best.mean(axis=1, keepdims=True)
             mixed = rng.standard_normal((best.shape[1], count)) / math.sqrt(best.shape[1])
             values = middle + _OVER * (best - middle) @ mixed + _LEAST_SPREAD * noise()
-        return replace(self, all=found, looked=0)
+        assert found is not None
+        explained = found.worst_K.min() <= _FITS_K
+        return replace(self, all=found if explained else self.all, looked=0)
 
     def _renewed(self) -> HeatBelief:
         """Replace those that are not left by some like those that are."""
@@ -154,10 +162,17 @@ class HeatBelief:
         of[gone] = rng.choice(np.flatnonzero(left), int(gone.sum()))
         known, values = self.all.values[:, left], self.all.values[:, of]
         away = _SPREAD * known.std(axis=1, keepdims=True) + _LEAST_SPREAD * (kinds.high - kinds.low)
+        low, high = self.low, self.high
+        if self.off_K <= _FITS_K:
+            margin = _UNLEARNED * (kinds.high - kinds.low)
+            least, most = (known.min(axis=1, keepdims=True), known.max(axis=1, keepdims=True))
+            low = np.maximum(low, low + _LEARNED * (least - margin - low))
+            high = np.minimum(high, high + _LEARNED * (most + margin - high))
         nearer = _NEARER * (values - known.mean(axis=1, keepdims=True))
         values = values + gone * (away * rng.standard_normal(values.shape) - nearer)
-        new = self.all.moved(of, values.clip(kinds.low, kinds.high))
-        return replace(self, all=new.heated(_METAL_S * gone * rng.standard_normal(len(of))))
+        new = self.all.moved(of, values.clip(low, high))
+        new = new.heated(_METAL_S * gone * rng.standard_normal(len(of)))
+        return replace(self, all=new, low=low, high=high)
 
     def _judged(self) -> HeatBelief:
         """Switch off where metal may be too hot, or is that of no healthy segment."""
@@ -169,4 +184,6 @@ class HeatBelief:
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
     segments = healthy_segments(robot, air_C, segment, start_C)
-    return HeatBelief(segments, robot.heater.temperature_max_C - _BEFORE_LIMIT_K, segments)
+    low, high = segments.kinds.low, segments.kinds.high
+    cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
+    return HeatBelief(segments, low, high, cut_C, segments)
