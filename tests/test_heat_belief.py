@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.lying import LIES, Metal, watched
 from twosra_mpc import load_robot
-from twosra_mpc.execution.heat_belief import UNLIKE_K, Heat, HeatBelief, heat_belief
+from twosra_mpc.execution.healthy_segments import Heat
+from twosra_mpc.execution.heat_belief import UNLIKE_K, HeatBelief, heat_belief
 from twosra_mpc.thermal.uncertainty import drawn, healthy, healthy_ranges
 
 ROBOT = load_robot("2sra-v1")
@@ -55,8 +56,9 @@ def test_what_a_robot_has_shown_is_known_from_melt_to_melt() -> None:
 
     def spread(these: HeatBelief) -> float:
         """Of the rates at which they warm."""
-        model = these.model
-        return float((model.resistance_ohm / model.heat_solid_J_per_K)[these.left].std())
+        every = dict(zip(these.all.kinds.names, these.all.values, strict=False))
+        warms = every["resistance_ohm"] / every["heat_solid_J_per_K"]
+        return float(warms[these.left].std())
 
     assert spread(hot) < 0.6 * spread(belief)
     assert (hot.high - hot.low <= belief.high - belief.low).all()
@@ -117,10 +119,11 @@ def test_heat_of_two_times_is_that_of_both() -> None:
 
 def test_simulated_segments_are_drawn_within_what_is_watched_as_healthy() -> None:
     belief, ranges = begun(), ROBOT.thermal_segment(0).ranges
-    within, rng = healthy_ranges(belief.nominal, ranges), np.random.default_rng(0)
+    kinds = belief.all.kinds
+    within, rng = healthy_ranges(kinds.nominal, ranges), np.random.default_rng(0)
     ends = dict(
-        zip(belief.names, zip(belief.low[:, 0], belief.high[:, 0], strict=True), strict=False)
+        zip(kinds.names, zip(belief.low[:, 0], belief.high[:, 0], strict=True), strict=False)
     )
     for _ in range(2000):
-        one = healthy(drawn(belief.nominal, ranges, rng), within)
+        one = healthy(drawn(kinds.nominal, ranges, rng), within)
         assert all(ends[n][0] <= getattr(one, n) <= ends[n][1] for n in within)

@@ -1,7 +1,7 @@
 """Healthy segments of every kind, warmed by one heater's current, each under a sensor of its own.
 
-They are drawn over the ranges of the robot file, and a little wider. All are one segment model whose
-parameters are arrays.
+They are drawn over the ranges of the robot file, and a little wider. All are one segment model
+whose parameters are arrays.
 """
 
 from __future__ import annotations
@@ -177,9 +177,7 @@ class HealthySegments:
         copied, model = self.kinds.model(self.values[:, of]), self.kinds.model(values)
         state = model.as_in(copied, tuple(value[of] for value in self.state))
         lag_C, worst_K = self.lag_C[:, of], self.worst_K[of]
-        return replace(
-            self, values=values, model=model, state=state, lag_C=lag_C, worst_K=worst_K
-        )
+        return replace(self, values=values, model=model, state=state, lag_C=lag_C, worst_K=worst_K)
 
     def heated(self, more_s: Array | float) -> HealthySegments:
         """Give each the heat of so long at full current, or take it away."""

@@ -1,13 +1,12 @@
 """Belief about the heat of a segment: the healthy segments that would have shown what it showed.
 
-Healthy segments of every kind are warmed by the heater's known current beside the true one. Whichever
-shows something else is replaced by one like those that are left, so all that a robot has shown is
-known: the power of its heater, its latent heat, its loss, the lag of its sensor. Metal is as hot as
-the hottest of those that are left, liquid where one of them is, and liquid for sure where all are.
-
-Where none of them is like a reading, the heater is off, and all kinds are looked for anew: is there
-one that would have shown everything since the metal was last solid? If not, a reading is of no
-healthy segment.
+Healthy segments of every kind are warmed by the heater's known current beside the true one.
+Whichever shows something else is replaced by one like those that are left, so all that a robot has
+shown is known: the power of its heater, its latent heat, its loss, the lag of its sensor. Metal is
+as hot as the hottest of those that are left, liquid where one of them is, and liquid for sure where
+all are. Where none of them is like a reading, the heater is off; and once from one rest to the next
+others are looked for that would have shown everything since. Such others are bounded by what was
+shown before, else a sensor that sticks would be explained until the metal is too hot.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.healthy_segments import Heat, HealthySegments, healthy_segments
+from twosra_mpc.execution.healthy_segments import HealthySegments, Heat, healthy_segments
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import Array
 
@@ -36,7 +35,6 @@ _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, a
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _QUIET_S = 30.0  # after which a sensor shows metal without its heater
 _MOST = 2000  # readings that are remembered: half an hour
-_AGAIN = 2  # readings until all are looked for again
 _ROUNDS, _ELITE = 6, 10  # of a search; one of so many is among the best, as others are drawn
 _NEAR, _OVER = 0.1, 1.2  # spread of the first: of the ranges; of the others: of the best
 
@@ -54,7 +52,7 @@ class HeatBelief:
         start: The segments when the metal was last surely solid, its heater off for a while.
         since: Heat and readings since.
         quiet_s: Time for which the heater has been off.
-        looked: Readings since all were last looked for.
+        looked: Whether others were looked for since then.
     """
 
     all: HealthySegments
@@ -65,7 +63,7 @@ class HeatBelief:
     cut: bool = False
     since: tuple[tuple[Heat, float | None], ...] = ()
     quiet_s: float = 0.0
-    looked: int = 0
+    looked: bool = False
 
     @property
     def off_K(self) -> float:
@@ -111,7 +109,7 @@ class HeatBelief:
             return now._remembering(heat, shown_C)
         compared = now.all.compared(shown_C, math.exp(-heat.passed_s / _FORGET_S))
         now = replace(now, all=compared)._remembering(heat, shown_C)
-        if now.off_K > UNLIKE_K and now.looked >= _AGAIN:
+        if now.off_K > UNLIKE_K and not now.looked:
             now = now._looked_for()
         return (now._renewed() if now.left.mean() < _RENEWED else now)._judged()
 
@@ -119,29 +117,30 @@ class HeatBelief:
         """Remember a reading, or begin with it where it is surely of solid metal."""
         quiet_s = 0.0 if heat.share or heat.unknown else self.quiet_s + heat.passed_s
         fits = shown_C is not None and shown_C < self.all.kinds.solid_C and self.off_K <= _FITS_K
-        now = replace(self, quiet_s=quiet_s, looked=self.looked + 1)
+        now = replace(self, quiet_s=quiet_s)
         if (fits and quiet_s >= _QUIET_S) or len(self.since) >= _MOST:
-            return replace(now, start=self.all, since=())
+            return replace(now, start=self.all, since=(), looked=False)
         return replace(now, since=(*self.since, (heat, shown_C)))
 
     def _looked_for(self) -> HeatBelief:
         """Look for healthy segments that would have shown all since the metal was solid.
 
-        By the cross-entropy method: of those drawn over all ranges and near those that are left,
-        the best are kept, and others drawn as they are spread, some times.
+        By the cross-entropy method: of those drawn within what was shown before and near those
+        that are left, the best are kept, and others drawn as they are spread, some times.
         """
         rng, (parts, count) = self.all.rng(1), self.all.values.shape
-        width, of = self.high - self.low, self.all.rng(2).choice(np.flatnonzero(self.left), count)
+        width, left = self.high - self.low, np.flatnonzero(self.left)
 
         def noise() -> Array:
             return width * rng.standard_normal((parts, count))
 
-        near = self.all.values[:, of] + _NEAR * noise()
+        near = self.all.values[:, rng.choice(left, count)] + _NEAR * noise()
         values = np.where(np.arange(count) % 2, near, self.low + width * rng.random((parts, count)))
         found: HealthySegments | None = None
         for _ in range(_ROUNDS):
-            like = self.start.moved(rng.integers(0, count, count), values.clip(self.low, self.high))
-            tried = replace(like, worst_K=np.zeros(count), taken=self.all.taken)
+            of: NDArray[np.intp] = rng.integers(0, count, count, dtype=np.intp)
+            tried = self.start.moved(of, values.clip(self.low, self.high))
+            tried = replace(tried, worst_K=np.zeros(count), taken=self.all.taken)
             for heat, shown_C in self.since:
                 tried = tried.warmed(heat)
                 if shown_C is not None:
@@ -153,7 +152,7 @@ class HeatBelief:
             values = middle + _OVER * (best - middle) @ mixed + _LEAST_SPREAD * noise()
         assert found is not None
         explained = found.worst_K.min() <= _FITS_K
-        return replace(self, all=found if explained else self.all, looked=0)
+        return replace(self, all=found if explained else self.all, looked=True)
 
     def _renewed(self) -> HeatBelief:
         """Replace those that are not left by some like those that are."""
