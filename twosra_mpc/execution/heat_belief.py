@@ -138,7 +138,7 @@ class HeatBelief:
         values = np.where(np.arange(count) % 2, near, self.low + width * rng.random((parts, count)))
         found: HealthySegments | None = None
         for _ in range(_ROUNDS):
-            of: NDArray[np.intp] = rng.integers(0, count, count, dtype=np.intp)
+            of = rng.choice(np.arange(count), count)
             tried = self.start.moved(of, values.clip(self.low, self.high))
             tried = replace(tried, worst_K=np.zeros(count), taken=self.all.taken)
             for heat, shown_C in self.since:

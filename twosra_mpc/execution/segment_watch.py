@@ -285,7 +285,7 @@ class SegmentWatch:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        if here_C < low_C and self._asked == "soft":
+        if here_C < low_C and self._asked != "rigid":
             if here_C < self._stretch.coldest_C + _WARMED_K:
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
