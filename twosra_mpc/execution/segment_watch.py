@@ -285,13 +285,19 @@ class SegmentWatch:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        if here_C < low_C and self._asked != "rigid":
-            if here_C < self._stretch.coldest_C + _WARMED_K:
+        risen_K = here_C - self._begun_s["unlike"][1]
+        if here_C < low_C:
+            cold_C = self._stretch.coldest_C if self._asked == "soft" else self._air_C
+            if (
+                abs(risen_K) < _WARMED_K
+                and here_C < cold_C + _WARMED_K
+                and here_C > self._air_C - _WARMED_K
+            ):
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-            what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
-            self._raise("sensor", f"{words}: its sensor lies, {what}")
-        risen_K = here_C - self._begun_s["unlike"][1]
+            if self._asked == "soft":
+                what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
+                self._raise("sensor", f"{words}: its sensor lies, {what}")
         if here_C > high_C and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
             if risen_K > 0.0 and self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
