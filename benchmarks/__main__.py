@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import subprocess
 import sys
 import tempfile
 import tomllib
@@ -19,9 +20,9 @@ from rich.console import Console
 from benchmarks import records
 from benchmarks.records import Record, commit_of, source_digest
 from benchmarks.report import published_tables, write_report
-from benchmarks.run import open_log, run_study
+from benchmarks.run import open_log, run_study, versions
 from benchmarks.run_log import NAME
-from benchmarks.studies import STUDIES
+from benchmarks.studies import FULL, STUDIES
 from benchmarks.study import Study
 from benchmarks.tables import write_tables
 from twosra_mpc import InputError
@@ -43,7 +44,7 @@ class _Commands(click.Group):
 
 @click.group(cls=_Commands)
 def main() -> None:
-    """Run a study and write its report; make records of studies, and tables of records."""
+    """Run a study, or all; write reports, records of studies, and tables of records."""
 
 
 def _settings(
@@ -55,12 +56,23 @@ def _settings(
         raise click.BadParameter(f"not TOML, such as repeats=3 ({error})") from None
 
 
-_OPTIONS: list[click.Parameter] = [
-    click.Option(
+def _out(words: str) -> click.Option:
+    return click.Option(
         ["--out"],
         type=click.Path(path_type=Path, file_okay=False),
-        help="Folder of report, figures and finished cases; a run that was interrupted goes on "
-        "there. Default: twosra-benchmarks/NAME in the folder for temporary files.",
+        help=f"Folder of report, figures and finished cases{words}; a run that was interrupted "
+        "goes on there. Default: a folder of its own for the source files as they are, in the "
+        "folder for temporary files.",
+    )
+
+
+_OPTIONS: list[click.Parameter] = [
+    _out(""),
+    click.Option(
+        ["--size"],
+        type=click.Choice(["standing", "full"]),
+        default="standing",
+        help="The small set that tables are made of, or all that the study has, for hours.",
     ),
     click.Option(
         ["--set", "settings"],
@@ -72,16 +84,17 @@ _OPTIONS: list[click.Parameter] = [
 ]
 
 
-def _measure(name: str, out: Path | None, settings: dict[str, Any]) -> None:
+def _measure(name: str, out: Path | None, size: str, settings: dict[str, Any]) -> None:
     """Measure what is not finished yet, then write the report and print it."""
     console = Console(stderr=True)
-    folder = out or Path(tempfile.gettempdir()) / "twosra-benchmarks" / name
+    folder = out or _folder(None) / (name if size == "standing" else f"{name}-{size}")
     with _told(console):
-        study = _study(name, settings)
+        study = _study(name, _sized(name, size) | settings)
         log = open_log(name, study, folder)
         if not run_study(study, log, console):
             console.print(f"interrupted; run again to go on from {log.path}", highlight=False)
             sys.exit(_INTERRUPTED)
+        console.print(f"{name}: {sum(log.cpu_s):z.0f} s of CPU", highlight=False)
         sys.stdout.write(write_report(study, log, folder))
 
 
@@ -91,6 +104,30 @@ for _name, _usual in STUDIES.items():
             _name, callback=partial(_measure, _name), params=_OPTIONS, help=_usual.question
         )
     )
+
+
+@main.command("all", params=[_out(" of each study")])
+def all_command(out: Path | None) -> None:
+    """Run every study on its standing set, make its records anew, and write all tables."""
+    console, folder = Console(stderr=True), _folder(out)
+    with _told(console):
+        for number, name in enumerate(STUDIES, start=1):
+            console.print(f"{number} of {len(STUDIES)}: {name}", highlight=False)
+            if code := _in_a_process(name, folder / name):
+                sys.exit(code)
+            record(folder / name)
+        write_tables(records.ROOT)
+    spent_s = {each.command: each.cpu_s for each in records.load_records(records.FOLDER).values()}
+    console.print(f"{sum(spent_s.values()):z.0f} s of CPU in all", highlight=False)
+
+
+def _in_a_process(name: str, folder: Path) -> int:
+    """Run a study where nothing is known of other ones; its exit code."""
+    command = [sys.executable, "-m", "benchmarks", name, "--out", str(folder)]
+    try:
+        return subprocess.run(command, stdout=subprocess.DEVNULL).returncode
+    except KeyboardInterrupt:
+        return _INTERRUPTED
 
 
 @main.command("record")
@@ -128,14 +165,12 @@ def record(folder: Path) -> list[Path]:
         about = json.loads((folder / NAME).read_text(encoding="utf-8").partition("\n")[0])
         name, study = about["study"], _study(about["study"], about["settings"])
     log = open_log(name, study, folder)
-    usual, given = STUDIES[name].model_dump(mode="json"), about["settings"]
-    words = [f"{key}={json.dumps(given[key])}" for key in given if given[key] != usual[key]]
-    options = "".join(f" --set {shlex.quote(word)}" for word in words)
     made = {
-        "command": f"python -m benchmarks {name}{options}",
+        "command": _command(name, about["settings"]),
         "date": max(log.dates, default=""),
         "commit": commit_of(study.measures, records.ROOT),
-        "cases": f"{len(log.loads)} case{'s' * (len(log.loads) != 1)}",
+        "cases": len(log.cpu_s),
+        "cpu_s": round(sum(log.cpu_s), 1),
         **{key: about[key] for key in ("settings", "machine", "versions")},
         "measures": {path: source_digest(records.ROOT / path) for path in study.measures},
     }
@@ -144,6 +179,28 @@ def record(folder: Path) -> list[Path]:
         paths.append(records.FOLDER / f"{name}{suffix.replace('_', '-')}.json")
         Record(**made, columns=columns, rows=tuple(rows)).save(paths[-1])
     return paths
+
+
+def _command(name: str, settings: dict[str, Any]) -> str:
+    """The shortest command that runs a study with some settings."""
+    commands = []
+    for size in ("standing", "full"):
+        usual = _study(name, _sized(name, size)).model_dump(mode="json")
+        words = [f"{key}={json.dumps(now)}" for key, now in settings.items() if now != usual[key]]
+        options = [f"--size {size}"] * (size == "full")
+        options += [f"--set {shlex.quote(word)}" for word in words]
+        commands.append(" ".join(["python -m benchmarks", name, *options]))
+    return min(commands, key=len)
+
+
+def _sized(name: str, size: str) -> dict[str, Any]:
+    return FULL.get(name, {}) if size == "full" else {}
+
+
+def _folder(out: Path | None) -> Path:
+    """Where studies are; what other source files made stands elsewhere."""
+    temporary = Path(tempfile.gettempdir()) / "twosra-benchmarks"
+    return out or temporary / versions()["source"]
 
 
 def _study(name: str, settings: dict[str, Any]) -> Study:

@@ -22,7 +22,6 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from benchmarks.measurement import PlanRecord
-from benchmarks.report import power_law
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR, styled_figure
 
 BLACK, BLUE, VERMILLION, GREEN, ORANGE = COLOURS = (
@@ -178,34 +177,6 @@ def _draw_limit(ax: Axes, y: float, text: str) -> None:
     ax.axhline(y, color=GREY, lw=0.8, ls=(0, (5, 3)))
     ax.annotate(text, (1.0, y), xycoords=("axes fraction", "data"), xytext=(2, 0), fontsize=7.5,
                 textcoords="offset points", va="center", color=GREY)  # fmt: skip
-
-
-def draw_growth(
-    searches: Mapping[tuple[float, float], Mapping[Any, Sequence[PlanRecord]]],
-    limit_s: float,
-    laws: Mapping[str, Mapping[Any, Sequence[float]]],
-    path: Path,
-) -> None:
-    """Wall time of searches over ``max_phases``, CPU times of programs with their power laws."""
-    with _figure(path, height_in=5.4) as figure:
-        axes = list(figure.subplots(2, 2).flat)
-        for ((faster, gap), plans), colour in zip(searches.items(), COLOURS[1:], strict=False):
-            walls = {n: [plan.timing.median_s for plan in some] for n, some in plans.items()}
-            _spread(axes[0], walls, colour, f"{faster:zg} x as fast, gap {100 * gap:zg} %")
-        _draw_limit(axes[0], limit_s, "limit")
-        axes[0].set(yscale="log", xlabel="max_phases", ylabel="wall time [s]")
-        axes[0].set_title("whole search", loc="left")
-        axes[0].legend(fontsize=7)
-        for ax, (name, values) in zip(axes[1:], laws.items(), strict=True):
-            _spread(ax, values, BLUE, "median")
-            if len(values) > 1:
-                scale, slope = power_law([*values], [np.median(v) for v in values.values()])
-                ax.plot([*values], scale * np.array([*values]) ** slope, color=BLACK, lw=1.0,
-                        label=f"fit: x$^{{{slope:z.2f}}}$")  # fmt: skip
-            _log(ax, xlabel=name, ylabel="CPU time [s]")
-            ax.set_xticks([*values])
-            ax.minorticks_off()
-            ax.legend(loc="upper left")
 
 
 def draw_cold_start(parts: Mapping[str, float], path: Path) -> None:

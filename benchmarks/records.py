@@ -34,9 +34,8 @@ class Record(Value):
         command: Command that measures it anew.
         date: Day on which it was measured.
         commit: Last commit that had changed what is measured.
-        cases: Number of cases, such as ``"200 runs"``; empty where it was not written down.
-        source: Page from which it was typed in; empty where it was made from the log of a study.
-        note: Sentences that a reader must know besides.
+        cases: Number of cases.
+        cpu_s: CPU time that all of them took [s].
         settings: Settings of the study.
         machine: Machine.
         versions: Versions of Python and of packages.
@@ -48,25 +47,20 @@ class Record(Value):
     command: str
     date: str
     commit: str
-    cases: str
-    source: str = ""
-    note: str = ""
-    settings: dict[str, Any] = Field(default_factory=dict)
-    machine: dict[str, str] = Field(default_factory=dict)
-    versions: dict[str, str] = Field(default_factory=dict)
+    cases: Annotated[int, Field(ge=1)]
+    cpu_s: float
+    settings: dict[str, Any]
+    machine: dict[str, str]
+    versions: dict[str, str]
     measures: dict[str, str]
     columns: Cells
     rows: Rows
 
     @property
     def origin(self) -> str:
-        """One sentence on where the numbers come from, and the note."""
-        known = [self.cases, f"measured on {self.date}", f"commit {self.commit}"]
-        if self.source:
-            known[1:] = [f"typed in from {self.source} of {self.date}", f"commit {self.commit}"]
-            known += ["measured then or before"]
-        told = ", ".join(part for part in known if part)
-        return f"`{self.command}`: {told}.{' ' * bool(self.note)}{self.note}"
+        """One sentence on where the numbers come from."""
+        cases = f"{self.cases} case{'s' * (self.cases != 1)}, {self.cpu_s:z.0f} s of CPU"
+        return f"`{self.command}`: {cases}, measured on {self.date}, commit {self.commit}."
 
     def changed(self, root: Path = ROOT) -> list[str]:
         """Measured folders whose source files are no longer those that were measured."""

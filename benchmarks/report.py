@@ -64,7 +64,7 @@ def _template(study: Study) -> Template:
 def _given(study: Study, log: RunLog, folder: Path) -> dict[str, Any]:
     """All that templates may ask for."""
     results = results_of(study, log)
-    given = {"study": study, "results": results, "loads": log.loads, "about": log.about}
+    given = {"study": study, "results": results, "cpu_s": sum(log.cpu_s), "about": log.about}
     return {**given, **study.report(results, folder)}
 
 
@@ -83,6 +83,11 @@ def number(value: float, form: str) -> str:
 def head(columns: str) -> str:
     """Begin a Markdown table with columns that are separated by bars."""
     return f"| {columns} |\n|{'---|' * (columns.count('|') + 1)}"
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table of texts, the names of the columns first."""
+    return "\n".join([head(" | ".join(rows[0])), *(f"| {' | '.join(row)} |" for row in rows[1:])])
 
 
 def figure(file: str, caption: str) -> str:
@@ -136,12 +141,6 @@ def shifted_geometric_mean(values: Sequence[float], shift: float) -> float:
     return float(np.exp(np.log(np.asarray(values) + shift).mean()) - shift)
 
 
-def power_law(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """Fit y = scale * x ** slope by least squares of the logarithms; return (scale, slope)."""
-    slope, offset = np.polyfit(np.log(x), np.log(y), 1)
-    return float(np.exp(offset)), float(slope)
-
-
 def worst(plans: Mapping[str, PlanRecord], others: Mapping[str, PlanRecord], most: int = 5) -> str:
     """List the slowest plans, the largest gaps, and every plan and other one not correct."""
     slow = sorted(plans.items(), key=lambda item: -item[1].timing.median_s)[:most]
@@ -168,4 +167,4 @@ _ENVIRONMENT.filters |= {
     item.__name__: item
     for item in (number, joined, words, share, counted, milliseconds, percent, quantiles)
 }
-_ENVIRONMENT.globals |= {"head": head, "figure": figure, "worst": worst}
+_ENVIRONMENT.globals |= {"head": head, "table": table, "figure": figure, "worst": worst}

@@ -51,15 +51,21 @@ def run_study(study: Study, log: RunLog, console: Console) -> bool:
                 progress.update(task, description=", ".join(map(str, case)))
                 if case._asdict() in log:
                     continue
+                began_s = _spent_s()
                 record = study.record.dump_python(study.run(case), mode="json")
                 if asked:  # the planner answers Ctrl-C with the best plan so far: no record
                     return False
-                log.append(case._asdict(), record)
+                log.append(case._asdict(), record, _spent_s() - began_s)
     except KeyboardInterrupt:
         return False
     finally:
         signal.signal(signal.SIGINT, before)
     return True
+
+
+def _spent_s() -> float:
+    """CPU time of this process and of those that it waited for [s]."""
+    return sum(os.times()[:4])
 
 
 def results_of(study: Study, log: RunLog) -> list[Measured]:

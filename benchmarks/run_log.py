@@ -18,7 +18,7 @@ from twosra_mpc import InputError
 from twosra_mpc.files import differences
 
 NAME = "records.jsonl"
-FORMAT = 2
+FORMAT = 3
 
 
 class RunLog:
@@ -27,7 +27,7 @@ class RunLog:
     Attributes:
         path: The file.
         about: What made all its records.
-        loads: Load average of the machine as each case was finished.
+        cpu_s: CPU time that each case took [s].
         dates: Days on which cases were finished, e.g. ``2026-11-23``.
         dropped: Whether half a line was found at the end, and dropped.
     """
@@ -39,7 +39,7 @@ class RunLog:
             InputError: If the records in it were made by something else (naming the first that
                 differs), it holds something else than records, or it cannot be written.
         """
-        self.path, self.loads, self.dates = folder / NAME, list[float](), set[str]()
+        self.path, self.cpu_s, self.dates = folder / NAME, list[float](), set[str]()
         self.about = json.loads(json.dumps({"format": FORMAT, **about}))
         self._records: dict[str, Any] = {}
         try:
@@ -70,16 +70,16 @@ class RunLog:
     def __getitem__(self, case: Mapping[str, Any]) -> Any:
         return self._records[json.dumps(case)]
 
-    def append(self, case: Mapping[str, Any], record: Any) -> None:
+    def append(self, case: Mapping[str, Any], record: Any, cpu_s: float = 0.0) -> None:
         """Add a finished case to the file, down to the disk."""
         date = datetime.now(UTC).date().isoformat()
-        line = {"case": case, "load": os.getloadavg()[0], "date": date, "record": record}
+        line = {"case": case, "cpu_s": cpu_s, "date": date, "record": record}
         self._write(line)
         self._keep(**line)
 
-    def _keep(self, case: Mapping[str, Any], load: float, date: str, record: Any) -> None:
+    def _keep(self, case: Mapping[str, Any], cpu_s: float, date: str, record: Any) -> None:
         self._records[json.dumps(case)] = record
-        self.loads.append(float(load))
+        self.cpu_s.append(float(cpu_s))
         self.dates.add(str(date))
 
     def _write(self, line: Mapping[str, Any]) -> None:

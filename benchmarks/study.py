@@ -18,6 +18,7 @@ from twosra_mpc.validation import Positive, Value, plain
 Returned = TypeVar("Returned")
 Count = Annotated[int, Field(ge=1)]
 Numbers = Annotated[tuple[Positive, ...], Field(min_length=1), BeforeValidator(plain)]
+Names = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(plain)]
 Counts = Annotated[tuple[Count, ...], Field(min_length=1), BeforeValidator(plain)]
 
 

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
-from twosra_mpc.planning.missions.relaxed import bending_task, stage_tree
-from twosra_mpc.planning.missions.stages import only_goal
-from twosra_mpc.planning.search.bends import least_durations
-from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
+from twosra_mpc.planning.bounds.bends import least_durations
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, sequence_bound
+from twosra_mpc.planning.relaxation import bending_task, stage_tree
+from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
@@ -82,9 +84,20 @@ def faster_robot(factor: float) -> Robot:
     return ROBOT.with_values(timing={"nominal": timing})
 
 
+def only_goal(problem: Problem) -> Variant:
+    """The one way to do a problem without objects."""
+    (variant,) = Ways(problem).variants() or ()
+    return variant
+
+
 def goal_tree(problem: Problem, solver: Any = lambda *_: (), in_the_way: Any = None) -> Tree[Any]:
     """The search tree of a single goal."""
     return stage_tree(problem, [only_goal(problem)], solver, in_the_way=in_the_way)
+
+
+def at(head: ModeSequence) -> Node:
+    """The node of the first variant whose first stage begins with these modes."""
+    return Node(0, (), head)
 
 
 def overlapping_on_the_way_to(robot: Robot, kappa1: float, overlap_m: float) -> float:

@@ -26,12 +26,12 @@ from test_cli_output import examples
 
 from twosra_mpc import InputError, load_plan, plan
 from twosra_mpc.analysis.critical_path import critical_path
-from twosra_mpc.lab.batch import chunk, engine, folder, read_runs
+from twosra_mpc.lab.batch import chunk, folder, read_runs, workers
 from twosra_mpc.lab.batch.chunk import Asked, plan_chunk
-from twosra_mpc.lab.batch.engine import cluster_at, local_cluster, planned
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import Spec, load_spec
 from twosra_mpc.lab.batch.table import GREEDY_COLUMNS, RESULT_COLUMNS
+from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 
@@ -212,7 +212,7 @@ def test_the_examples_run(
 ) -> None:
     (tmp_path / "random.toml").write_text('scenario = "rigid-move"\n')
     for name in ("local_cluster", "cluster_at"):
-        monkeypatch.setattr(engine, name, lambda _: contextlib.nullcontext(client))
+        monkeypatch.setattr(workers, name, lambda _: contextlib.nullcontext(client))
     for example in examples("batch"):
         code, out, err = run(*shlex.split(example)[1:])
         assert (code, err) == (0, "")
@@ -314,7 +314,7 @@ def test_workers_use_one_core_each(client: Client, monkeypatch: pytest.MonkeyPat
 def test_a_scheduler_that_does_not_answer_is_an_error(
     run: Run, drawn: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine, "_ANSWER_S", 0.3)
+    monkeypatch.setattr(workers, "_ANSWER_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         address = f"tcp://127.0.0.1:{deaf.getsockname()[1]}"
         for given in (address, "nonsense", "x://1:2"):
@@ -326,9 +326,9 @@ def test_a_scheduler_that_does_not_answer_is_an_error(
 
 def test_workers_of_another_version_are_refused(client: Client, undisturbed: pd.DataFrame) -> None:
     def pretend(version: str) -> None:
-        engine.__version__ = version
+        workers.__version__ = version
 
-    here = engine.__version__
+    here = workers.__version__
     client.run(pretend, "0.0.7")
     try:
         with (

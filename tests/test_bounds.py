@@ -11,12 +11,12 @@ import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 from twosra_mpc import Goal, Problem, load_robot, plan
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.nlp.fixed_sequence import scheduled, solve
-from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.search.bends import least_bends, least_durations, unreachable_reason
-from twosra_mpc.planning.search.bounds import pose_bound
-from twosra_mpc.planning.single_goal.outcome import verified
+from twosra_mpc.planning.bounds.bends import least_bends, least_durations, unreachable_reason
+from twosra_mpc.planning.bounds.sequence_bound import pose_bound
+from twosra_mpc.planning.relaxation import bending_task
+from twosra_mpc.planning.solver.fixed_sequence import scheduled, solve
+from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 
@@ -68,7 +68,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
     problem = random_problem(seed, robot=robot)
     task = bending_task(problem)
     found = 0
-    for sequence in list(sequences())[seed % 3 :: 3]:
+    for sequence in list(sequences())[seed % 2 :: 2]:
         if unreachable_reason(sequence, task):
             continue
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)
@@ -89,7 +89,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
                 found += 1
                 cost = verified(problem, candidate, network).cost
                 assert max(bound.cost, tighter) <= cost.total + 1e-6, sequence
-    assert found >= 1
+    assert found >= 2
 
 
 def test_the_bound_includes_the_time_to_bend() -> None:

@@ -282,3 +282,26 @@ def test_what_tolerances_take_off_a_cost_is_no_contradiction() -> None:
     tree.slack[(0,)] = 1.0 - 4e-4
     result = search(tree)
     assert result.lower_bound == result.cost == 499.0
+
+
+@pytest.mark.parametrize("vain", [1, 12])
+def test_a_first_plan_is_looked_for_where_attempts_are_in_vain(vain: int) -> None:
+    """After some of them; once; and what is found so is beaten by what costs less."""
+    costs = {(i, j): 10.0 + 3 * i + j for i in range(3) for j in range(3)} | {(2, 2, 2): 30.0}
+    failing = sorted(costs, key=costs.__getitem__)[:vain]
+    tree = RandomTree(
+        costs, {}, {path: None if path in failing else costs[path] for path in costs}, 3
+    )
+    looks = list[int]()
+
+    def look() -> tuple[float, Path]:
+        looks.append(len(tree.solved))
+        return 50.0, (9,)
+
+    result = branch_and_bound(
+        tree, gap=0.0, out_of_time=lambda: False, on_progress=lambda *_: None, look=look
+    )
+    solved = [cost for path, cost in costs.items() if path not in failing]
+    assert result.cost == min(solved, default=50.0)
+    assert len(looks) == (vain > 4)
+    assert all(0 < count < vain for count in looks)

@@ -88,7 +88,7 @@ def test_the_robot_is_rigid_when_it_has_grasped() -> None:
     trajectory = pick_and_place()
     early = trajectory.phases[0].end_s
     problems = told(done_at(trajectory, 0, early))
-    assert f"task 1 (grasp) at {early:.1f} s: the robot is not rigid" in problems
+    assert f"task 1 (grasp) at {early:.1f} s: the segments are not [0,0]" in problems
     assert any(f"is not rigid at {early:.1f} s, while cup is held" in text for text in problems)
 
 

@@ -20,7 +20,7 @@ from test_problem import ROBOT, SCENARIO, changed, write
 from twosra_mpc import __version__, effort, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import planning
 from twosra_mpc.planning import planner
-from twosra_mpc.planning.single_goal import sequence_solver
+from twosra_mpc.planning.solver import sequence_solver
 from twosra_mpc.problem.problem import Problem, load_problem
 
 SHARED_BEND = {

@@ -37,9 +37,7 @@ from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
 from twosra_mpc import NoPlanError, Result, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.analysis import passages
 from twosra_mpc.cli import (
-    jog_command,
     options,
     output,
     planning,
@@ -50,7 +48,9 @@ from twosra_mpc.cli import (
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
+from twosra_mpc.lab.commands import jog_command
 from twosra_mpc.lab.figures import paper_figures
+from twosra_mpc.lab.worlds import passages
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film

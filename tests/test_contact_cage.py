@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
+from twosra_mpc.checking.clearance import leaves_straight
 from twosra_mpc.checking.holds import Boxes, _discs, _free
 from twosra_mpc.contact.grip import caged
 from twosra_mpc.contact.touch import Touch, grasp_touches
@@ -156,3 +157,23 @@ def test_a_box_that_verification_calls_blocked_holds_no_free_pose(headings: int)
         offsets[2] = np.sign(offsets[2]) / 2  # where it is turned the farthest
         x, y = middle[:2] + (np.array([i, j]) - boxes.each_way + offsets[:2]) * boxes.step
         assert apart_m(body, rod, np.array([x, y, (k + offsets[2]) * height])) <= 5e-5
+
+
+def test_what_leaves_straight_overlaps_nothing_on_one_way() -> None:
+    rng, seen = np.random.default_rng(0), set()
+    angles, far = np.arange(24) * np.pi / 12, np.linspace(0.0, 0.17, 60)
+    ways = np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=-1)
+    for k in range(16):
+        kappa, thing = (
+            rng.uniform(-45, 45) * np.ones(2),
+            (disc(0.015), cube(0.03), pebble(k))[k % 3],
+        )
+        q = np.concatenate([np.zeros(3), kappa])
+        pose = np.array([0.0, np.sign(kappa[0]) * rng.uniform(0.03, 0.07), rng.uniform(-3, 3)])
+        body = drawn(V1.geometry, q)
+        shapely.prepare(body)
+        apart = [min(apart_m(body, thing, pose + m * way) for m in far) for way in ways]
+        leaves = leaves_straight(V1.geometry, thing, pose, q, 0.17)
+        assert leaves == (max(apart) > 0) or abs(max(apart)) < 3e-4
+        seen.add(leaves)
+    assert seen == {False, True}

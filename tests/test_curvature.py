@@ -123,7 +123,7 @@ def test_along_a_row_the_published_steps_know_little_and_the_arc_all() -> None:
 
 
 def test_without_scikit_image_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "skimage.morphology", None)
+    monkeypatch.setitem(sys.modules, "skimage", None)
     seen, how = photograph(ONE), camera((40.0, 35.0))
     with pytest.raises(InputError, match="vision"):
         published_curvature(seen, find_segment(seen, how), how)

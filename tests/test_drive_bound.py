@@ -11,9 +11,9 @@ from problems import ROBOT, at_once
 from scipy.optimize import linprog
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
-from twosra_mpc.planning.missions.relaxed import rigid_time
-from twosra_mpc.planning.search.drive_bound import _Drive, _slices, least_drive_time
-from twosra_mpc.planning.search.rigid_motion import least_time, twist_vertices
+from twosra_mpc.planning.bounds.drive_bound import _Drive, _slices, least_drive_time
+from twosra_mpc.planning.bounds.rigid_motion import least_time, twist_vertices
+from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.problem.limits import rigid_rows
 
 ROBOTS = (ROBOT, load_robot("2sra-v1"))

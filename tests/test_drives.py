@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 import shapely
-from scipy.sparse.csgraph import connected_components
 from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 
 from twosra_mpc.model.flow import roll_out
@@ -22,7 +21,7 @@ from twosra_mpc.space.footprint import footprint, kept_m
 from twosra_mpc.space.lattice import lattice
 from twosra_mpc.space.roadmap import roadmap
 from twosra_mpc.space.screws import clear_legs, moved, twists
-from twosra_mpc.space.slices import FreeSlices, certified_slices
+from twosra_mpc.space.slices import FreeSlices, certified_slices, components
 
 BENT = (30.0, 30.0)
 
@@ -95,7 +94,7 @@ def test_legs_are_clear_exactly_where_their_least_distance_allows_it() -> None:
 def test_roads_connect_exactly_what_slices_do(seed: int, kappa: tuple[float, ...]) -> None:
     slices = slices_of(random_world(seed, 9), kappa)
     roads = roadmap(slices, rigid_rows(ARC_ROBOT, kappa), 0.05)
-    _, label = connected_components(roads.graph, directed=False)
+    label = components(len(roads.poses), roads.edges)
     component = [slices.component(pose) for pose in roads.poses[::7]]
     pairs = {(c, int(own)) for c, own in zip(component, label[::7], strict=True) if c is not None}
     assert len(pairs) == len({c for c, _ in pairs}) == len({own for _, own in pairs})

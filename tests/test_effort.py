@@ -29,8 +29,8 @@ from twosra_mpc.effort import (
     remembered,
     spent,
 )
-from twosra_mpc.planning.nlp import fixed_sequence
-from twosra_mpc.planning.nlp.multiple_shooting import ipopt
+from twosra_mpc.planning.solver import fixed_sequence
+from twosra_mpc.planning.solver.multiple_shooting import ipopt
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.result import Result
 

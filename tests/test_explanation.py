@@ -13,7 +13,7 @@ from conftest import Run
 
 import twosra_mpc.analysis.alternatives as alternatives_module
 import twosra_mpc.cli.comparisons as command
-import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
+import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words

@@ -22,7 +22,7 @@ from twosra_mpc.analysis.critical_path import activities, critical_path
 from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.setpoints import save_authors_csv
-from twosra_mpc.plans.stiffness import soft_and_changing, stiffness_intervals
+from twosra_mpc.plans.trajectory import soft_and_changing, stiffness_intervals
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     FREEZING_COLOUR,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import ROBOT, goal_tree, random_problem
+from problems import ROBOT, at, goal_tree, random_problem
 from thermal_problems import V2, earliest_finish, settled, thermal_model, thermal_problem
 
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
@@ -167,8 +167,8 @@ def test_bounds_with_coasting_hold_for_every_node_above(melt_s: float) -> None:
     assert transition_model(problem).refusal((SOFT_1, SOFT_BOTH), RIGID) is None
     tree, leaves = goal_tree(problem), 0
     for first in problem.modes:
-        for second in tree.children(tree.at((RIGID, first))):
-            above = max(map(tree.bound, [*map(tree.at, [(RIGID,), second.head[:2]]), second]))
+        for second in tree.children(at((RIGID, first))):
+            above = max(map(tree.bound, [*map(at, [(RIGID,), second.head[:2]]), second]))
             leaf = tree.leaf_bound(second)
             leaves += leaf < np.inf
             assert leaf >= above - 1e-6

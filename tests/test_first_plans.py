@@ -13,9 +13,10 @@ import shapely
 from worlds import ARC_ROBOT, STRAIGHT
 
 from twosra_mpc import Goal, Obstacle, Tolerance, World, load_problem, plan
-from twosra_mpc.planning.missions.stages import Stage, goals_of
-from twosra_mpc.planning.obstacles.placement import Placer
 from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.solver.placer import Placer
+from twosra_mpc.planning.stages.placements import Placement, goals_of
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH
 from twosra_mpc.space import drives, slices
@@ -135,9 +136,9 @@ def test_what_is_opened_before_a_grasp_is_open_for_it() -> None:
     entry = Goal(kappa_per_m=(10.0, 10.0), tolerance=Tolerance(kappa_per_m=(31.0, 31.0)))
     grasp = Goal(kappa_per_m=(-30.0, -30.0))
     modes, world = (RIGID, SOFT_BOTH), World()
-    release = Stage(opened, None, modes, world, openings=(opened,))
-    stages = [release, Stage(grasp, RIGID, modes, world, reshapes=True, entries=(entry,))]
-    for first, last in goals_of(stages):
+    release = Placement(Stage(modes), opened, world, openings=(opened,))
+    closed = Placement(Stage(modes, RIGID), grasp, world, reshapes=True, entries=(entry,))
+    for first, last in goals_of([release, closed]):
         low, high = first.box(np.zeros(5))
         assert low[3:] == pytest.approx([-21.0, -21.0])
         assert high[3:] == pytest.approx([30.0, 30.0])

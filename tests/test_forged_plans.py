@@ -21,7 +21,7 @@ from test_verification import planned_with
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc.checking import reintegration
-from twosra_mpc.checking.heating import heated_states
+from twosra_mpc.checking.heat import heated_states
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.reintegration import between, between_problems, reintegrate
 from twosra_mpc.checking.verification import verify

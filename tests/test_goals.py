@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from twosra_mpc import Goal, GoalSet, InputError, Problem, Start, Tolerance, load_robot, plan
-from twosra_mpc.planning.nlp.fixed_sequence import solve
-from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends
+from twosra_mpc.planning.solver.fixed_sequence import solve
+from twosra_mpc.planning.solver.guess import guess_motion, inner_bends
 from twosra_mpc.robot.accuracy import PLANNED, Accuracy
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import transition_model

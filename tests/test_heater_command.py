@@ -17,9 +17,9 @@ from thermal_problems import UNEQUAL
 from twosra_mpc import cli
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
+from twosra_mpc.lab.bench.heater_loop import HeaterRun, simulate_heater
 from twosra_mpc.lab.commands.heater_command import simulate_heater_command
 from twosra_mpc.lab.figures.heating_figures import plot_heater
-from twosra_mpc.lab.identification.heater_loop import HeaterRun, simulate_heater
 from twosra_mpc.robot.description import load_robot, segment_model
 
 # --- the figure ----------------------------------------------------------------------------------

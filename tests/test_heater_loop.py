@@ -22,14 +22,14 @@ from hypothesis import strategies as st
 
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import (
-    LinearMap,
     NtcDivider,
     TemperatureSensor,
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.identification.heater_loop import (
+from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,
+    LinearMap,
     Profile,
     save_run,
     simulate_heater,

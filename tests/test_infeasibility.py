@@ -12,9 +12,9 @@ from problems import goal_tree
 
 from twosra_mpc import Goal, Problem, Start, Status, load_problem, load_robot, plan
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_without
-from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.infeasibility import impossibility
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model

@@ -18,7 +18,7 @@ from twosra_mpc.execution.simulation.simulate import closest_approach, simulate
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import Obstacle, World
-from twosra_mpc.space.proximity import EDGE, Proximity
+from twosra_mpc.space.separation import EDGE, Proximity
 
 Array = NDArray[np.float64]
 

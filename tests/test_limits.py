@@ -16,7 +16,7 @@ from twosra_mpc import Robot, load_problem, load_robot, plan
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.driven import driven, margins
 from twosra_mpc.problem.limits import (

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from twosra_mpc.planning.search import linear_program
-from twosra_mpc.planning.search.linear_program import Optimum, Rows, minimise, proved_minimum
+from twosra_mpc.planning.bounds import linear_program
+from twosra_mpc.planning.bounds.linear_program import Optimum, Rows, minimise, proved_minimum
 
 
 def random_program(seed: int) -> tuple[Any, ...]:

@@ -21,7 +21,7 @@ from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.model.cache import BODIES, per_body, per_function
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rows import by_rows
-from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.robot.description import Robot
 
 PACKAGE = Path(twosra_mpc.__file__).parent
@@ -32,6 +32,7 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "lab/figures/paper_figures.py": "_plans, _published: five tasks",
     "lab/paper/kept.py": "package_digest: of nothing",
     "lab/reproduction/simulations.py": "run: five simulations",
+    "planning/relaxation.py": "rate, speed_m_s: modes of one problem, gone with its search",
     "timing/thermal_start.py": "least: gone once its segments have been asked for",
 }
 

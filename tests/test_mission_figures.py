@@ -25,7 +25,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
-from twosra_mpc.plans.stages import Stage, stages
+from twosra_mpc.plans.stretches import Stretch, stretches
 from twosra_mpc.plotting import (
     figures,
     object_figures,
@@ -37,6 +37,7 @@ from twosra_mpc.plotting import (
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.report import report_page
 from twosra_mpc.report.words import scenario_toml, task_rows
 from twosra_mpc.robot.coordinates import Array, composed
@@ -84,7 +85,7 @@ def test_a_disc_is_drawn_on_its_edge_and_a_box_by_its_corners() -> None:
 
 def test_snapshots_show_objects_where_they_are_then() -> None:
     made = tidied()
-    times_s = [0.0, *(stage.to_s for stage in stages(made.trajectory))]
+    times_s = [0.0, *(stage.to_s for stage in stretches(made.trajectory))]
     axes = plot_snapshots(made).axes
     assert len(axes) == len(times_s)
     for ax, time_s in zip(axes, times_s, strict=True):
@@ -117,7 +118,9 @@ def test_in_a_film_what_is_held_moves_with_the_robot_and_else_rests() -> None:
 def test_a_plan_has_a_panel_a_task_and_says_when_each_is_done() -> None:
     made = fetched()
     overview, *panels = plot_plan(made).axes[:4]
-    for ax, stage, number in zip(panels, stages(made.trajectory), itertools.count(1), strict=False):
+    for ax, stage, number in zip(
+        panels, stretches(made.trajectory), itertools.count(1), strict=False
+    ):
         assert ax.get_title() == f"{number}: {stage.words}, {stage.to_s:.1f} s"
         assert drawn_objects(ax)[-1] == pytest.approx(outlines(made, stage.to_s)[0])
     first, last = drawn_objects(overview)
@@ -145,7 +148,10 @@ def test_levels_keep_words_off_each_other_and_off_the_lines_of_others() -> None:
     stretch = timeline_figures.TimeStretch((0.0, 100.0), (0.0, 1.0))
     for _ in range(50):
         times_s = np.sort(rng.uniform(0.0, 100.0, 6)).tolist()
-        each = [Stage("x" * int(rng.integers(1, 30)), 0.0, time_s, None) for time_s in times_s]
+        each = [
+            Stretch(Stage((), words="x" * int(rng.integers(1, 30))), 0.0, time_s)
+            for time_s in times_s
+        ]
         levels = timeline_figures.label_levels(each, stretch)
         for (i, one), (j, other) in itertools.combinations(enumerate(each), 2):
             words = timeline_figures.stage_words(i + 1, one)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from dataclasses import replace
@@ -19,15 +20,16 @@ from problems import faster_robot, random_problem
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.planning.missions.relaxed import stage_tasks, stage_tree
-from twosra_mpc.planning.missions.stages import Variant
-from twosra_mpc.planning.missions.variants import Ways
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.relaxation import stage_bounds, stage_tree
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.nodes import Node
-from twosra_mpc.planning.search.schedule import with_durations
+from twosra_mpc.planning.search.to_go import Alone
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
-from twosra_mpc.planning.single_goal.sequence_solver import Solved as Made
+from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
+from twosra_mpc.planning.solver.sequence_solver import Solved as Made
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, is_rigid
@@ -115,7 +117,7 @@ def test_search_finds_what_trying_all_sequences_finds(case: dict[str, Any]) -> N
         if math.isfinite(leaf):
             found = [made[0] for made in tree.solve(node) if made is not None]
             assert all(leaf <= cost + ROUNDING for cost in found)
-            whole = tree.whole(node)
+            whole = tree.nodes.whole(node)
             assert whole is not None
             most = max(most, *(sum(map(any, each)) for each in whole.sequences))
             costs.extend(found)
@@ -161,6 +163,25 @@ def test_bounds_never_fall_on_the_way_to_a_plan(values: dict[str, Any]) -> None:
     assert leaves > 1
 
 
+@pytest.mark.parametrize("values", VALUES[:3])
+def test_sequences_of_a_stage_come_in_the_order_of_what_they_add(values: dict[str, Any]) -> None:
+    """All of them, as enumerated, but those that add more than every longer one may."""
+    tree = tree_of(two_goals(exact=False, **{"robot": "2sra-v1", **values}))
+    alone, (stages,) = tree.leaves.so_far.to_go.alone, tree.nodes.variants
+    seen = 0
+    for stage, begins in itertools.product(stages, (RIGID, SOFT_1)):
+        found = list(alone.cheapest_first(stage, begins))
+        costs = [each.cost for each in found]
+        assert costs == sorted(costs)
+        longer = next((each.cost for each in found if each.sequence is None), math.inf)
+        told = {each.sequence: each.cost for each in found}
+        for sequence in stage.sequences(begins):
+            cost = alone.cost(stage, begins, sequence)
+            assert told.get(sequence, math.inf) == cost or cost >= longer - ROUNDING
+            seen += sequence in told
+    assert seen > 4
+
+
 def history(rng: np.random.Generator, last: Mode) -> tuple[Mode, ...]:
     """Random modes that end in one, with no mode twice in a row."""
     modes = [RIGID, SOFT_1, SOFT_2, SOFT_BOTH]
@@ -177,19 +198,19 @@ def history(rng: np.random.Generator, last: Mode) -> tuple[Mode, ...]:
 def test_after_no_history_does_a_stage_add_less_than_is_counted(values: dict[str, Any]) -> None:
     rng = np.random.default_rng(1)
     problem = mission(reach(0.2, 0.1, 0.5, (10.0, 10.0)), goal={"x_m": 0.0}, **values)
-    tree, equal = tree_of(problem), 0
+    (stages,), equal = tree_of(problem).nodes.variants, 0
     for _ in range(40):
         warm = tuple(rng.uniform(25.0, 50.0, 2).tolist())
         start = problem.start.with_values(temperature_C=warm)
-        tree.timing = transition_model(problem.with_values(start=start))
+        timing = transition_model(problem.with_values(start=start))
         begins = [RIGID, SOFT_1, SOFT_2, SOFT_BOTH][rng.integers(4)]
-        sequences = list(tree.variants[0][0].sequences(begins))
+        sequences = list(stages[0].sequences(begins))
         sequence = sequences[rng.integers(len(sequences))]
         lasting = rng.uniform(0.0, 40.0, len(sequence)) * rng.integers(0, 2)
-        counted = tree._from_warm(begins, sequence, lasting.tolist())
+        counted = Alone(timing).from_warm(begins, sequence, lasting.tolist())
         before = history(rng, begins)
         whole = (*before, *sequence)
-        network = tree.timing.network(whole, sequence[-1], [0.0] * len(whole))
+        network = timing.network(whole, sequence[-1], [0.0] * len(whole))
         late_s = rng.choice([1e4, 1e6])
         begin = network.layout.origin, network.layout.end(len(before) - 1)
         late = replace(network, least={**network.least, begin: late_s})
@@ -425,9 +446,9 @@ def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
 def test_bounds_hold_for_all_members_of_a_variant() -> None:
     problem = mission(GRASP, objects=[cube()])
     for variant in Ways(problem).variants() or []:
-        (all_of_them,) = stage_tasks(variant)[:1]
+        (all_of_them,) = stage_bounds(variant)[:1]
         for member in variant.members:
-            (alone,) = stage_tasks(Variant(variant.problem, (member,)))[:1]
+            (alone,) = stage_bounds(Variant(variant.problem, (member,)))[:1]
             assert all_of_them.distance_m <= alone.distance_m + ROUNDING
 
 

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from problems import faster_robot, goal_tree, network_of, random_problem
+from problems import at, faster_robot, goal_tree, network_of, random_problem
 from test_pose_bound import problem_between, random_motion
 
 from twosra_mpc import Goal, Robot, load_robot
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.search import motion_bound
-from twosra_mpc.planning.search.motion_bound import least_motion_s
-from twosra_mpc.planning.search.pose_bound import PoseConstraint, PoseProgram
+from twosra_mpc.planning.bounds import motion_bound
+from twosra_mpc.planning.bounds.motion_bound import least_motion_s
+from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import earliest_times, resting_s
@@ -55,8 +55,8 @@ def test_a_long_drive_takes_as_long_as_the_fastest_mode_needs() -> None:
 def test_sequences_with_a_choice_of_bends_are_bounded_by_motion_and_rest_together() -> None:
     problem = random_problem(0, robot=FAST)
     tree = goal_tree(problem)
-    known, modes = tree.at((RIGID, SOFT_1, SOFT_2)), (RIGID, SOFT_2, SOFT_1, SOFT_BOTH)
-    choice = tree.at(modes)
+    known, modes = at((RIGID, SOFT_1, SOFT_2)), (RIGID, SOFT_2, SOFT_1, SOFT_BOTH)
+    choice = at(modes)
     before = tree.bound(choice)
     tree.leaf_bound(known)
     tree.tighter_bound(known, 100.0)

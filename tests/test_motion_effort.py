@@ -19,16 +19,16 @@ from twosra_mpc.checking.cost import effort_s
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import (
+from twosra_mpc.planning.bounds.schedule import cost_coefficients
+from twosra_mpc.planning.solver.fixed_sequence import (
     INTERVALS,
     Candidate,
     feasible_schedule,
     scheduled,
 )
-from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.search.schedule import cost_coefficients
-from twosra_mpc.planning.single_goal.gentle import cheapest
-from twosra_mpc.planning.single_goal.outcome import verified
+from twosra_mpc.planning.solver.gentle import cheapest
+from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence

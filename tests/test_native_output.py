@@ -171,7 +171,7 @@ def test_streams_are_whole_again_after_many_threads_have_discarded() -> None:
 def test_linear_programs_print_nothing_in_other_programs() -> None:
     code = """
 import numpy as np
-from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.bounds.linear_program import minimise
 assert minimise(np.ones(1), -np.ones((1, 1)), -np.ones(1), [(0.0, None)]).cost == 1.0
 """
     assert ran(sys.executable, "-c", code) == (0, "", "")
@@ -182,7 +182,7 @@ def test_the_solver_prints_nothing_where_a_program_is_undefined() -> None:
     code = """
 from types import SimpleNamespace
 import casadi as ca
-from twosra_mpc.planning.nlp import multiple_shooting
+from twosra_mpc.planning.solver import multiple_shooting
 from twosra_mpc.robot.description import load_robot
 x, p = ca.MX.sym("x"), ca.MX.sym("p")
 nlp = {"x": x, "p": p, "f": p * ca.log(x), "g": ca.sqrt(x)}

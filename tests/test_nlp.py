@@ -15,7 +15,7 @@ from twosra_mpc import Problem, load_problem
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.nlp.fixed_sequence import (
+from twosra_mpc.planning.solver.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,
     SolveStatus,
@@ -23,10 +23,10 @@ from twosra_mpc.planning.nlp.fixed_sequence import (
     solve,
     solve_status,
 )
-from twosra_mpc.planning.nlp.guess import bent, guess_motion
-from twosra_mpc.planning.nlp.multiple_shooting import ipopt, transcribe
-from twosra_mpc.planning.nlp.terminal_correction import TERMINAL_TOLERANCE, correct_end
-from twosra_mpc.planning.single_goal.outcome import verified
+from twosra_mpc.planning.solver.guess import bent, guess_motion
+from twosra_mpc.planning.solver.multiple_shooting import ipopt, transcribe
+from twosra_mpc.planning.solver.outcome import verified
+from twosra_mpc.planning.solver.terminal_correction import TERMINAL_TOLERANCE, correct_end
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork

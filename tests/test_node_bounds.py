@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from problems import ROBOT, goal_tree, network_of, random_problem
+from problems import ROBOT, at, goal_tree, network_of, random_problem
 from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, thermal_problems
 
 from twosra_mpc import Problem, load_problem, plan
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.bounds.bends import unreachable_reason
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
@@ -118,7 +118,7 @@ def test_with_fewer_phases_the_bound_holds_for_longer_sequences() -> None:
     short = goal_tree(problem.with_values(max_phases=4))
     longer = plan(problem.with_values(max_phases=5)).require()
     assert longer.cost.total < 815.0
-    assert max(map(short.bound, map(short.at, [(RIGID,), (RIGID, SOFT_1)]))) <= longer.cost.total
+    assert max(map(short.bound, map(at, [(RIGID,), (RIGID, SOFT_1)]))) <= longer.cost.total
 
 
 @pytest.mark.parametrize("price", [0.0, 10.0])
@@ -127,9 +127,9 @@ def test_to_freeze_everything_in_between_may_be_quicker_and_take_less_heat(price
     given = {"temperature_C": (25.0, 65.0), "timing": "paper"}
     problem = thermal_problem(**given, weights={"energy_s_per_J": price})
     tree = goal_tree(problem)
-    leaf = tree.leaf_bound(tree.at((SOFT_2, RIGID, SOFT_1)))
-    assert leaf < tree.leaf_bound(tree.at((SOFT_2, SOFT_1)))
-    assert tree.bound(tree.at((SOFT_2,))) <= leaf
+    leaf = tree.leaf_bound(at((SOFT_2, RIGID, SOFT_1)))
+    assert leaf < tree.leaf_bound(at((SOFT_2, SOFT_1)))
+    assert tree.bound(at((SOFT_2,))) <= leaf
 
 
 @settings(max_examples=50)
@@ -156,4 +156,4 @@ def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
     cost = earliest_finish(whole) + weights.energy_s_per_J * whole.melt_energy_J
     cost += weights.transition_s * whole.transitions
     tree = goal_tree(problem)
-    assert tree.bound(tree.at(sequence[:cut])) <= cost + 1e-6
+    assert tree.bound(at(sequence[:cut])) <= cost + 1e-6

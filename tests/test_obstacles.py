@@ -12,26 +12,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import goal_tree
+from problems import at, goal_tree, only_goal
 from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
 from twosra_mpc import InputError, Problem, Result, Status, load_problem, load_robot, plan
-from twosra_mpc.analysis.passages import decide_between
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.lab.worlds.passages import decide_between
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.missions.stages import only_goal
-from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
-from twosra_mpc.planning.obstacles.necessity import Necessity
-from twosra_mpc.planning.obstacles.placement import Placer
-from twosra_mpc.planning.obstacles.stations import HIDDEN_S, Stations, chains
-from twosra_mpc.planning.single_goal.sequence_solver import checked
+from twosra_mpc.planning.solver.block import Sweep, block
+from twosra_mpc.planning.solver.placer import Placer
+from twosra_mpc.planning.solver.sequence_solver import checked
+from twosra_mpc.planning.solver.stations import HIDDEN_S, Stations, chains
+from twosra_mpc.planning.stages.necessity import Necessity
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import is_rigid
+from twosra_mpc.robot.modes import blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.separation import placed
@@ -450,7 +449,7 @@ def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None
     placer = Placer([only_goal(base)], checked)
     tree = goal_tree(base, placer, placer.in_the_way)
     modes = [phase.mode for phase in made.phases]
-    node = tree.at(tuple(modes[:-1] if modes[-1] == (0, 0) else modes))
+    node = at(tuple(modes[:-1] if modes[-1] == (0, 0) else modes))
     assert tree.leaf_bound(node) <= made.cost.total
     assert tree.tighter_bound(node, math.inf) <= made.cost.total
     ((necessity,),) = placer.in_the_way
@@ -514,7 +513,7 @@ def test_three_blocks_are_placed_as_well() -> None:
     sequence = ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0), (1, 0), (0, 0))
     placer = Placer([only_goal(between)], checked)
     tree = goal_tree(between, placer, placer.in_the_way)
-    node = tree.at(sequence[:-1])
+    node = at(sequence[:-1])
     bound = tree.leaf_bound(node)
     made = next(found for found in tree.solve(node) if found is not None)
     cost, solution = made

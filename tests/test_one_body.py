@@ -33,8 +33,7 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.footprint import footprints
 from twosra_mpc.space.possible import blocked_unit
-from twosra_mpc.space.proximity import Proximity
-from twosra_mpc.space.separation import placed
+from twosra_mpc.space.separation import Proximity, placed
 
 ROBOT = load_robot("2sra-v1")
 STRAIGHT, BENT = np.zeros(5), np.array([0.1, -0.05, 0.4, 12.0, 20.0])

@@ -13,7 +13,9 @@ from twosra_mpc.problem.tasks import Reach
 SCENARIOS = [
     *(f"paper-{number}" for number in range(1, 6)),
     *("shape-change", "move-and-shape", "rigid-move", "three-segments", "scattered", "blocked"),
+    *("corridor", "doorway"),
 ]
+DEARER = 1.3  # times the work of a goal, of the same goal said as a task
 
 
 def as_task(problem: Problem) -> Problem:
@@ -28,19 +30,16 @@ def before_the_goal(problem: Problem) -> Problem:
 
 
 def check_alike(one: Result, other: Result) -> None:
-    """The same status; cost and bound within the gap."""
+    """The same status, cost and bound, for not much more work."""
+    assert other.stats.work <= DEARER * one.stats.work
     assert other.status is one.status, other.message
     assert other.found == one.found
     if one.plan is None or other.plan is None:
         return
     assert one.lower_bound is not None
     assert other.lower_bound is not None
-    within = max(one.problem.gap, 1e-6)
-    assert other.plan.cost.total == pytest.approx(one.plan.cost.total, rel=within)
-    assert other.lower_bound == pytest.approx(one.lower_bound, rel=within)
-    assert max(one.lower_bound, other.lower_bound) <= min(
-        one.plan.cost.total, other.plan.cost.total
-    )
+    assert other.plan.cost.total == pytest.approx(one.plan.cost.total, rel=1e-6)
+    assert other.lower_bound == pytest.approx(one.lower_bound, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -49,9 +48,6 @@ def test_a_goal_is_planned_alike_however_it_is_said(name: str) -> None:
     goal = plan(problem)
     task = plan(as_task(problem))
     check_alike(goal, task)
-    if goal.plan and task.plan:
-        assert task.plan.cost.total == goal.plan.cost.total
-        assert task.lower_bound == goal.lower_bound
     check_alike(goal, plan(before_the_goal(problem)))
 
 

@@ -15,12 +15,11 @@ from twosra_mpc import InputError, Problem, Robot, Status, check_plan, plan
 from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
-from twosra_mpc.lab.identification.heater_loop import simulate_heater
+from twosra_mpc.lab.bench.heater_loop import simulate_heater
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.modes import Mode, ModeSequence
-from twosra_mpc.robot.segment import LumpedSegment, Segment
+from twosra_mpc.robot.segment import Heater, LumpedSegment, Segment
 from twosra_mpc.robot.timing import Kind, Timing
 from twosra_mpc.thermal.lumped import Lumped, State
 from twosra_mpc.timing import EventLayout, TemporalNetwork, Transition, TransitionModel, model_of

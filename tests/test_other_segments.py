@@ -7,11 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from problems import goal_tree
+from problems import at, goal_tree, only_goal
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.planning.missions.stages import only_goal
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
+from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 
 THREE = load_problem("three-segments")
@@ -75,7 +74,7 @@ def test_the_search_finds_what_solving_every_short_sequence_finds(kappa: tuple[f
     tree = goal_tree(problem, SequenceSolver([only_goal(problem)]))
     best, solved = math.inf, 0
     for sequence in [((0, 0, 0),), *(s for n in (3, 4, 5) for s in sequences(n))]:
-        node = tree.at(sequence[:-1] if len(sequence) > 1 else sequence)
+        node = at(sequence[:-1] if len(sequence) > 1 else sequence)
         bound = tree.leaf_bound(node)
         if bound >= best:
             continue

@@ -11,11 +11,11 @@ from problems import ROBOT, bound_of, exactly, faster_robot, network_of, random_
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.nlp.fixed_sequence import scheduled
-from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.search.bends import bend_steps, free_bends, middle_bends
-from twosra_mpc.planning.search.parts import bound_by_parts
+from twosra_mpc.planning.bounds.bends import bend_steps, free_bends, middle_bends
+from twosra_mpc.planning.bounds.parts import bound_by_parts
+from twosra_mpc.planning.relaxation import bending_task
+from twosra_mpc.planning.solver.fixed_sequence import scheduled
+from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence

@@ -11,8 +11,8 @@ import pytest
 from conftest import Run
 
 from twosra_mpc import InputError, load_problem
-from twosra_mpc.analysis.passages import VERDICTS, find_passages
-from twosra_mpc.plotting.passage_figure import plot_passages
+from twosra_mpc.lab.figures.passage_figure import plot_passages
+from twosra_mpc.lab.worlds.passages import VERDICTS, find_passages
 from twosra_mpc.problem.problem import Problem
 
 STEP = 35.0

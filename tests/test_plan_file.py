@@ -360,6 +360,18 @@ def test_files_from_before_a_limit_still_verify(
     assert check_plan(path).ok == verified
 
 
+@pytest.mark.parametrize(("share", "verified"), [(2e-8, True), (-2e-8, True), (1e-7, False)])
+def test_an_effort_may_be_that_of_another_quadrature(
+    solved: Solved, share: float, verified: bool, tmp_path: Path
+) -> None:
+    """Versions differ by 2e-8 of it at most; a plan that says less may undercut a bound."""
+
+    def edit(document: dict[str, Any]) -> None:
+        document["cost"]["effort_s"] *= 1 + share
+
+    assert check_plan(edited(solved("paper-2"), edit, tmp_path / "plan.json")).ok == verified
+
+
 def test_a_file_of_version_1_holds_its_inputs(tmp_path: Path) -> None:
     robot = load_robot("2sra-v1-paper")
     some = plan(load_problem("shape-change", robot=robot))

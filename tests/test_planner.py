@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
+from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, random_problem
 
 import twosra_mpc.planning.planner as planner
-import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
+import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import (
     ContradictionError,
     Goal,
@@ -25,12 +25,11 @@ from twosra_mpc import (
     plan,
 )
 from twosra_mpc.effort import Cost, charge, limited
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.missions.stages import only_goal
-from twosra_mpc.planning.nlp.fixed_sequence import Candidate
+from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import Progress
-from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver, Solved, trusted
+from twosra_mpc.planning.relaxation import bending_task
+from twosra_mpc.planning.solver.fixed_sequence import Candidate
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver, Solved, trusted
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -410,6 +409,7 @@ def test_a_limit_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) ->
     network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None
     guesses = 2  # a screw, and a turn, a straight way and a turn
+    solver = GoalSolver(only_goal(problem))
     with limited(1e-9, math.inf):
         charge(Cost.KEPT)
-        assert len(list(GoalSolver(only_goal(problem))(network, bound))) == guesses
+        assert len(list(solver(network, bound))) == guesses

@@ -31,8 +31,7 @@ from twosra_mpc import (
     plotting,
 )
 from twosra_mpc.lab.figures.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
-from twosra_mpc.plans.stiffness import stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plans.trajectory import Phase, stiffness_intervals
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     DPI,

@@ -165,7 +165,7 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
         r"^a table of keys \(where the robot should be; a coordinate left out is free",
     ),
     ("weights", 1.0, "weights", r"^a table of keys \(weights of energy, transitions and effort"),
-    ("robot", 3, "robot", "a table of keys"),
+    ("robot", 3, "robot", "a path to its file, or its table"),
     ("description", 3, "description", "string"),
     ("planner", 1, "planner", "'optimal' or 'greedy'"),
     ("timing", 1, "timing", "string"),

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Planned, Run
-from twosra_mpc.export.authors_csv import save_authors_csv
 
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
@@ -18,6 +17,7 @@ from twosra_mpc.lab.identification.replay import LEAST_BEND_RAD, PhaseReplay, re
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.path_fitting import with_path_model
 

@@ -29,8 +29,7 @@ from twosra_mpc import (
     load_problem,
 )
 from twosra_mpc.plans.plan import percent
-from twosra_mpc.plans.stiffness import stiffness_intervals
-from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.plans.trajectory import Samples, stiffness_intervals
 from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import Origin, player, report_page, words, write_report

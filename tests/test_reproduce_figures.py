@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +10,14 @@ from matplotlib.colors import to_rgba
 from photographs import camera, write_folder
 from test_reproduce import CURVATURES, TRIAL, write_log
 
-from twosra_mpc.lab.figures.study_figures import plot_error_curves, plot_modes
+from twosra_mpc.lab.figures.study_figures import plot_error_curves
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_spread, plot_trials
 from twosra_mpc.lab.identification.motion_log import read_motion_log
 from twosra_mpc.lab.paper.trials import DTW
 from twosra_mpc.lab.photographs.study import estimate_folder
 from twosra_mpc.lab.reproduction.greedy_statistics import (
-    OptimalProblem,
     StudyProblem,
     published_study,
-    statistics,
 )
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.description import load_robot
@@ -32,26 +29,6 @@ PROBLEMS = 12
 @pytest.fixture(scope="module")
 def problems() -> list[StudyProblem]:
     return list(published_study(range(PROBLEMS)))
-
-
-def planned(seed: int, duration_s: float, greedy_s: float) -> OptimalProblem:
-    one = OptimalProblem(
-        seed, "optimal", "", ((0, 0),), duration_s, duration_s, 0.0, duration_s, 0.0, 0.1,
-        "feasible", ((0, 0),), greedy_s, 0.0,
-    )  # fmt: skip
-    return replace(one, status="failed") if np.isnan(duration_s) else one
-
-
-def test_bars_count_every_problem_and_durations_those_that_both_plan(
-    problems: list[StudyProblem],
-) -> None:
-    nan = float("nan")
-    both = [planned(0, 300.0, 500.0), planned(1, 10.0, 20.0), planned(2, nan, 7.0)]
-    counts, last, durations = plot_modes(statistics(problems), both).axes
-    for ax in (counts, last):
-        assert sum(bar.get_height() for bar in ax.patches) == PROBLEMS
-    assert [line.get_xdata().tolist() for line in durations.lines] == [[10, 300], [20, 500]]
-    assert [line.get_ydata().tolist() for line in durations.lines] == [[0.5, 1.0]] * 2
 
 
 def test_curves_are_medians_of_their_mode(problems: list[StudyProblem]) -> None:

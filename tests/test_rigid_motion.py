@@ -14,11 +14,11 @@ from problems import ROBOT
 
 from twosra_mpc import Goal, Problem, Start, plan
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.missions.relaxed import rigid_time
-from twosra_mpc.planning.nlp.guess import guess_motion, turned_to_go
-from twosra_mpc.planning.search import rigid_motion
-from twosra_mpc.planning.search.linear_program import minimise
-from twosra_mpc.planning.search.rigid_motion import headings_visited, least_time
+from twosra_mpc.planning.bounds import rigid_motion
+from twosra_mpc.planning.bounds.linear_program import minimise
+from twosra_mpc.planning.bounds.rigid_motion import headings_visited, least_time
+from twosra_mpc.planning.relaxation import rigid_time
+from twosra_mpc.planning.solver.guess import guess_motion, turned_to_go
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID
 

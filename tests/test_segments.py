@@ -17,7 +17,7 @@ from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics, wheel_travel
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.nlp.guess import bent
+from twosra_mpc.planning.solver.guess import bent
 from twosra_mpc.robot.modes import Mode, all_modes, is_rigid, mode_name, rigid_mode, soft_segments
 
 Array = NDArray[np.float64]

@@ -17,11 +17,11 @@ from twosra_mpc import Goal, Plan, Problem, Robot, Start, Status, load_problem, 
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.missions.relaxed import rigid_time
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, feasible_schedule, scheduled
-from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.single_goal import conclusion
-from twosra_mpc.planning.single_goal.gentle import gentle
+from twosra_mpc.planning import conclusion
+from twosra_mpc.planning.relaxation import rigid_time
+from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, feasible_schedule, scheduled
+from twosra_mpc.planning.solver.gentle import gentle
+from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.limits import interval_durations, rigid_ramp_s, rigid_rows

@@ -1,4 +1,4 @@
-"""Spoilt files of every kind, a few of each; ``python tests/attack COUNT`` spoils many."""
+"""Spoilt files of every kind, a few of each; ``python -m benchmarks files`` spoils more."""
 
 from __future__ import annotations
 

@@ -19,8 +19,7 @@ from twosra_mpc import InputError, NoPlanError, Plan, Robot, load_problem, load_
 from twosra_mpc import plan as find_plan
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.runner import WheelCommand, wheel_commands
-from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
-from twosra_mpc.execution.serial.port import PortError, stop_command
+from twosra_mpc.execution.serial.port import PortError, SteppedClock, SystemClock, stop_command
 from twosra_mpc.execution.serial.robot import STOPS
 from twosra_mpc.execution.serial.segments import ModelledSegment
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, StreamState, stream

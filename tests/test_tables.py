@@ -14,6 +14,7 @@ from benchmarks import records
 from benchmarks.__main__ import main
 from benchmarks.records import ROOT, Record, commit_of, load_records, source_digest
 from benchmarks.run_log import NAME
+from benchmarks.studies import STUDIES
 from benchmarks.tables import filled, named, pages, unmarked, write_tables
 from twosra_mpc import InputError
 
@@ -46,12 +47,28 @@ def test_no_measurement_is_typed_into_a_table(page: str) -> None:
     assert not MEASURED.findall(typed)
 
 
-def test_only_records_without_a_source_lack_nothing() -> None:
-    for name, record in RECORDS.items():
-        made = bool(record.settings and record.machine and record.versions)
-        assert made != bool(record.source), name
-        assert record.measures
-        assert record.commit
+@pytest.mark.parametrize("name", RECORDS)
+def test_every_record_is_what_a_study_makes_of_its_standing_set(name: str) -> None:
+    """Its command, its settings and the names of its columns are the study's: none is typed in."""
+    record = RECORDS[name]
+    assert set(record.command.split()[:-1]) == {"python", "-m", "benchmarks"}
+    study = STUDIES[record.command.split()[-1]]
+    assert record.settings == study.model_dump(mode="json")
+    assert record.cases == len(list(study.cases()))
+    assert record.measures.keys() == set(study.measures)
+    assert {"highspy", "casadi", "mujoco", "source"} <= record.versions.keys()
+    assert record.machine
+
+
+def test_every_study_has_a_record_and_all_of_them_take_half_an_hour_of_cpu() -> None:
+    spent_s = {record.command: record.cpu_s for record in RECORDS.values()}
+    assert {command.split()[-1] for command in spent_s} == set(STUDIES)
+    assert sum(spent_s.values()) < 1800
+
+
+def test_every_study_is_told_of() -> None:
+    told = re.findall(r"^\| (`.*`) \|", PAGES["docs/guide/benchmarks.md"], re.MULTILINE)
+    assert {name for cell in told for name in re.findall("`(.*?)`", cell)} == set(STUDIES)
 
 
 @pytest.fixture
@@ -65,7 +82,8 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for number, folder in enumerate(("planning", "execution")):
         path = f"twosra_mpc/{folder}"
         Record(
-            **{"command": "count", "date": "2026-11-23", "commit": "abc1234", "cases": "2 runs"},
+            **{"command": "count", "date": "2026-11-23", "commit": "abc1234"},
+            **{"cases": 2, "cpu_s": 3.0, "settings": {}, "machine": {}, "versions": {}},
             measures={path: source_digest(tmp_path / path)},
             columns=("reached",),
             rows=((f"{number} of 2",),),
@@ -80,7 +98,10 @@ def test_a_table_says_what_has_changed_since_it_was_measured(clone: Path) -> Non
     page, code = clone / "README.md", clone / "twosra_mpc" / "execution" / "code.py"
     assert invoke("tables", "--check-release") == (0, "")
     fresh = page.read_text()
-    assert "| reached |\n|---|\n| 0 of 2 |\n| 1 of 2 |\n\n*`count`: 2 runs, measured" in fresh
+    assert (
+        "| reached |\n|---|\n| 0 of 2 |\n| 1 of 2 |\n\n*`count`: 2 cases, 3 s of CPU, measured"
+        in fresh
+    )
     assert fresh.startswith("Before.\n\n<!-- table")
     assert fresh.endswith("execution -->\n\nAfter.\n")
 
@@ -157,7 +178,8 @@ def test_a_finished_study_becomes_a_record(
     assert made.command == (
         "python -m benchmarks soak --set count=2 --set robots=2 --set time_limit_s=0.1"
     )
-    assert (made.cases, made.commit, made.source) == ("2 cases", "abc1234", "")
+    assert (made.cases, made.commit) == (2, "abc1234")
+    assert made.cpu_s > 0
     assert [row[:2] for row in made.rows] == [("1", "1"), ("2", "2")]
     assert (
         f"| {' | '.join(made.rows[1])} |\n\n*`{made.command}`" in (clone / "README.md").read_text()
@@ -170,3 +192,38 @@ def test_a_finished_study_becomes_a_record(
     assert "versions.source" in said
     log.write_text("{}\n")
     assert invoke("record", run)[0] == 2
+
+
+def test_one_command_runs_what_is_not_finished_and_makes_every_record_anew(
+    clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Interrupted in its second study, it begins there again, and both have records in the end."""
+    folder, begun = clone / "benchmarks" / "records", list[str]()
+    small = {name: STUDIES[name] for name in ("goals", "passages")}
+    given = {"goals": "count=2", "passages": "widths_m=[0.05]"}
+    stops = iter([0, 130, 0, 0])
+
+    def in_this_process(name: str, out: Path) -> int:
+        begun.append(name)
+        return next(stops) or invoke(name, "--out", out, "--set", given[name])[0]
+
+    monkeypatch.setattr(records, "FOLDER", folder)
+    monkeypatch.setattr("benchmarks.__main__.commit_of", lambda *_: "abc1234")
+    monkeypatch.setattr("benchmarks.__main__.STUDIES", small)
+    monkeypatch.setattr("benchmarks.__main__._in_a_process", in_this_process)
+    with (clone / "README.md").open("a") as page:
+        page.writelines(f"<!-- table: {x} -->\n<!-- end of table: {x} -->\n" for x in small)
+    out = tmp_path / "out"
+    assert invoke("all", "--out", out)[0] == 130
+    assert "goals" in load_records(folder)
+    assert "passages" not in load_records(folder)
+    before = (out / "goals" / NAME).read_bytes()
+    exit_code, said = invoke("all", "--out", out)
+    assert exit_code == 0
+    assert "s of CPU in all" in said
+    assert (out / "goals" / NAME).read_bytes() == before
+    assert begun == ["goals", "passages"] * 2
+    made = load_records(folder)
+    assert {made[name].cases for name in small} == {1, 2}
+    assert made["goals"].command == "python -m benchmarks goals --set count=2"
+    assert "| 50.0 | blocked |" in (clone / "README.md").read_text()

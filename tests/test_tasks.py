@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -19,11 +20,14 @@ from twosra_mpc import InputError, Problem, check_plan, load_problem, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.execution import Ending
 from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.plotting import plot_plan
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object, read_outline
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task, Visitor
+from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
 from twosra_mpc.problem.world import area_m2
 from twosra_mpc.robot.coordinates import composed, inverse, wrapped
+from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.schema import json_schema
 
 START = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
@@ -406,8 +410,8 @@ def test_a_task_of_ones_own_is_planned_checked_and_run(
         def ends_in(self) -> GoalSet:
             return Goal(kappa_per_m=(0.0, 0.0), tolerance=Tolerance(kappa_per_m=(0.5, 0.5)))
 
-        def accept(self, visitor: Visitor[Any, Any], at: Any) -> Any:
-            return visitor.reached(self.ends_in, self.ends_in.mode, at)
+        def stage(self, modes: Sequence[Mode]) -> Stage:
+            return Stage(modes, self.ends_in.mode, self.ends_in)
 
     bent = load_problem("paper-1")
     problem = bent.with_values(tasks=({"do": "straighten"},))
@@ -427,3 +431,41 @@ def test_a_task_of_ones_own_is_planned_checked_and_run(
     run = simulate(problem, plan=made, disturbance="mild").run
     assert run.ending is Ending.REACHED, run.reason
     assert len(run.done_s) == 1
+
+
+def test_a_task_that_waits_is_planned_checked_drawn_and_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A stage lasts as long as its task says; what comes next melts and bends after that."""
+    monkeypatch.setattr(Task, "kinds", dict(Task.kinds))
+
+    class Wait(Task):
+        """Rest, with everything frozen, for so long."""
+
+        do: Literal["wait"] = "wait"
+        least_s: float
+
+        def stage(self, modes: Sequence[Mode]) -> Stage:
+            rigid = rigid_mode(len(modes[0]))
+            return Stage((rigid,), rigid, Anywhere(mode=rigid), least_s=self.least_s)
+
+    there = load_problem("paper-4")
+    half = {"do": "reach", "x_m": 0.1, "kappa_per_m": (0.0, 20.0)}
+    problem = there.with_values(tasks=(half, {"do": "wait", "least_s": 400.0, "name": "here"}))
+    assert [stage.words for stage in problem.stages()][1:] == ["wait here", "reach the goal"]
+    found = plan(problem)
+    made = found.require()
+    before_s, done_s = made.trajectory.done_s
+    assert done_s - before_s >= 400.0
+    assert made.lower_bound is not None
+    assert made.lower_bound > 400.0 + plan(there).require().cost.total / 2
+    waiting = made.trajectory.at(np.linspace(before_s, done_s, 50))
+    assert not waiting.mode.any()
+    assert np.ptp(waiting.q[1:], axis=0) == pytest.approx(0.0)
+    found.save(tmp_path / "plan.json")
+    assert check_plan(tmp_path / "plan.json").ok
+    early = replace(made.trajectory, done_s=(before_s, before_s + 10.0))
+    assert any("it lasts 10 s, not 400 s" in text for text in verify(early).problems)
+    assert "2 wait here" in {text.get_text() for ax in plot_plan(made).axes for text in ax.texts}
+    run = simulate(problem, plan=made, disturbance="mild").run
+    assert run.ending is Ending.REACHED, run.reason

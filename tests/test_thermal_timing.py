@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import bound_of, network_of
+from problems import bound_of, network_of, only_goal
 from scipy.optimize import brentq
 from thermal_problems import (
     SEQUENCES,
@@ -24,8 +24,7 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Problem, load_problem
-from twosra_mpc.planning.missions.stages import only_goal
-from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.thermal.model import SegmentModel, State
@@ -346,7 +345,7 @@ def test_the_plan_of_a_remelt_is_shorter_and_cheaper_than_with_cold_melts() -> N
         assert bound is not None
         first = next(iter(GoalSolver(only_goal(problem))(network, bound)))
         assert first is not None
-        found = first[1].plan
+        found = first[1].with_plan().plan
         assert found.verification.ok
         costs.append(found.cost)
         motion = sum(phase.end_s - phase.start_s for phase in found.phases)

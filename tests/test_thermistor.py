@@ -13,13 +13,13 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc.control.thermistor import (
     Characteristic,
-    LinearMap,
     NtcDivider,
     TemperatureSensor,
     follow,
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.bench.heater_loop import LinearMap
 from twosra_mpc.robot.description import load_robot
 
 FALLING = NtcDivider()

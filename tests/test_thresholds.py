@@ -24,7 +24,7 @@ SAME_S = 0.01  # the way to the edge of a goal instead of to its middle
 
 def nearly(x: float) -> list[float]:
     """A number, and what rounding makes of it."""
-    return [x, math.nextafter(x, math.inf), x - 1e-12]
+    return [x, math.nextafter(x, math.inf), x - 1e-12, x + 1e-9]
 
 
 def touching() -> float:

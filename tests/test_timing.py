@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from problems import network_of, random_problem
 
 from twosra_mpc import Goal, Problem, Start, load_problem
-from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.planning.bounds.schedule import cost_coefficients, schedule
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 

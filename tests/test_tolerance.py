@@ -6,20 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, exactly, faster_robot, network_of, random_problem
+from problems import ROBOT, bound_of, exactly, faster_robot, network_of, only_goal, random_problem
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.missions.stages import only_goal
-from twosra_mpc.planning.nlp.fixed_sequence import scheduled
-from twosra_mpc.planning.nlp.guess import bends_around, guess_motion
-from twosra_mpc.planning.nlp.terminal_correction import correct_end
-from twosra_mpc.planning.search import bounds
-from twosra_mpc.planning.search.bends import bend_steps, least_durations
-from twosra_mpc.planning.search.parts import bound_by_parts
-from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
+from twosra_mpc.planning.bounds import sequence_bound as bounds
+from twosra_mpc.planning.bounds.bends import bend_steps, least_durations
+from twosra_mpc.planning.bounds.parts import bound_by_parts
+from twosra_mpc.planning.relaxation import bending_task
+from twosra_mpc.planning.solver.fixed_sequence import scheduled
+from twosra_mpc.planning.solver.guess import bends_around, guess_motion
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver
+from twosra_mpc.planning.solver.terminal_correction import correct_end
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 NEAR = 9e-7  # 1/m, within what goals may be missed by

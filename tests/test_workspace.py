@@ -17,7 +17,7 @@ from twosra_mpc import InputError, Plan, Problem, Status, load_problem, load_rob
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.execution.executor import remaining_problem
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import Array

@@ -77,7 +77,7 @@ def drawn(ax: Any) -> tuple[list[Array], list[Array], list[str]]:
 def test_every_plane_of_a_plan_shows_its_surroundings() -> None:
     made = among()
     snapshots = plot_snapshots(made).axes
-    overview, *others = plot_plan(made).axes[: 1 + len(made.phases)]
+    overview, *others = plot_plan(made).axes[: 1 + len(made.problem.stages())]
     for ax in (overview, *others, *snapshots):
         polygons, boxes, words = drawn(ax)
         for corners, obstacle in zip(polygons, made.problem.obstacles, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
-from twosra_mpc.planning.search.schedule import schedule
+from twosra_mpc.planning.bounds.schedule import schedule
 from twosra_mpc.robot.modes import (
     RIGID,
     SOFT_1,

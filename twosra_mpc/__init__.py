@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from twosra_mpc.installation import __version__
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
+    from twosra_mpc.planning.conclusion import Progress
     from twosra_mpc.planning.planner import plan
-    from twosra_mpc.planning.single_goal.conclusion import Progress
     from twosra_mpc.plans.plan import Plan, Status
     from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
@@ -56,7 +56,7 @@ _PUBLIC = {
     ),
     "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
-    "planning.single_goal.conclusion": ("Progress",),
+    "planning.conclusion": ("Progress",),
     "planning.planner": ("plan",),
     "plans.plan": ("Plan", "Status"),
     "plans.result": ("Result",),

@@ -32,7 +32,7 @@ Made = TypeVar("Made")
 
 
 class Cost:
-    """What work costs, in ten-thousandths of a unit: about as many tenths of a microsecond.
+    """Costs of work, in ten-thousandths of a unit: about as many tenths of a microsecond.
 
     Measured as CPU time from one charge to the next, over plans of all built-in scenarios.
     """
@@ -74,7 +74,7 @@ class OutOfEffortError(TwosraError):
 
 
 class Account:
-    """What has been spent under one set of limits; times of ``time.process_time``."""
+    """Account of the work under one set of limits; times of ``time.process_time``."""
 
     def __init__(self, work: float, cpu_s: float) -> None:
         """With a limit in parts of a unit, and one of CPU time from now on."""
@@ -91,7 +91,7 @@ class Account:
 
     @property
     def most(self) -> float:
-        """What may be spent with the overtime."""
+        """Limit with the overtime."""
         return self.work + OVERTIME * _IN_A_UNIT
 
     def look(self) -> None:
@@ -157,7 +157,7 @@ def limit_reached() -> str | None:
 
 
 def out_of_effort() -> bool:
-    """Whether nothing more should be begun."""
+    """True if nothing more should be begun."""
     return limit_reached() is not None
 
 

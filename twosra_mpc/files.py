@@ -301,7 +301,7 @@ def check_writable(target: str | Path) -> None:
 
 
 def is_device(target: str | Path) -> bool:
-    """Whether a path is a device or a pipe, which may be written to more than once."""
+    """True if a path is a device or a pipe, which may be written to more than once."""
     return os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target)
 
 

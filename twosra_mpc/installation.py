@@ -33,7 +33,7 @@ def install_command(extra: str) -> str:
 
 
 def _source(direct_url: str | None, extra: str) -> str:
-    """What to give to pip: the name alone if it came from an index, else where it came from."""
+    """Argument of pip: the name alone if it came from an index, else where it came from."""
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
 

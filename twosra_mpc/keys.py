@@ -227,7 +227,7 @@ def doubts(document: Any, name: str = "") -> Iterator[str]:
 
 
 def _are_per_mm(bends: list[Any] | tuple[Any, ...]) -> bool:
-    """Whether a person wrote these numbers, and means curvatures in 1/mm."""
+    """True if a person wrote these numbers, and means curvatures in 1/mm."""
     given = [each for each in bends if isinstance(each, int | float) and each != 0]
     least, most = _PER_MM
     return bool(given) and all(least <= abs(k) <= most and round(k, 4) == k for k in given)

@@ -78,7 +78,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=1e6), _at_least(1e-6), BeforeValidat
 _Shape = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6)]
 Triple = Annotated[tuple[_Shape, _Shape, _Shape], BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
-MOST_SEGMENTS = 4
+MOST_SEGMENTS = 4  # stiffness modes double with each
 # One entry for each segment. Only who knows the robot can name the entries that are missing, so
 # that a list without any is left to it too.
 EachSegment = Field(max_length=MOST_SEGMENTS, json_schema_extra={"minItems": 1})
@@ -272,7 +272,7 @@ def missing(field: str) -> InputError:
 
 
 def _described(field: str) -> str:
-    """What a field is, in brackets; empty where its name says all there is to say."""
+    """Description of a field, in brackets; empty where its name says all there is to say."""
     key = next((part for part in reversed(field.split(".")) if not part.isdigit()), "")
     words = describe(key)
     return f" ({words})" if words != key.replace("_", " ") else ""

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from benchmarks.attack.attacks import Attack
 from twosra_mpc import InputError, Status, plan
-from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.stages import only_goal
+from twosra_mpc.planning.relaxation import stage_tree
+from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.robot.modes import sequence_name
 
 _MOST_PHASES = 12  # that a problem may allow
@@ -26,14 +27,14 @@ class Claim(NamedTuple):
 def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
     """Yield what the search tree says of the nodes above an attack's sequence, and of itself."""
     problem = attack.problem.with_values(max_phases=_MOST_PHASES)
-    tree: Tree[None] = stage_tree(problem, [only_goal(problem)], lambda *_: ())
+    tree: Tree[None] = stage_tree(problem, Ways(problem).variants() or (), lambda *_: ())
     leaf, node = attack.sequence, tree.root()
     while True:
         yield Claim(f"node {sequence_name(node.head)}", tree.bound(node))
-        if (whole := tree.whole(node)) is not None and whole.joined == leaf:
+        if (whole := tree.nodes.whole(node)) is not None and whole.joined == leaf:
             break
         assert len(node.head) < len(leaf), f"{sequence_name(leaf)} is no leaf of the tree"
-        node = tree.at(leaf[: len(node.head) + 1])
+        node = Node(0, (), leaf[: len(node.head) + 1])
     bound = tree.leaf_bound(node)
     yield Claim(f"leaf {sequence_name(leaf)}", bound)
     if tighter and math.isfinite(bound):

@@ -61,7 +61,7 @@ class AttackStudy(Study):
     record: ClassVar = TypeAdapter(AttackRecord)
     question: ClassVar = "Does a plan made without the planner cost less than what is proved?"
 
-    count: Count = 600
+    count: Count = 60
     times: Literal["thermal", "constant", "paper"] | None = None
     also: dict[str, Any] = Field(default_factory=dict)
     first: NonNegative = 0

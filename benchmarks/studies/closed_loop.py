@@ -52,11 +52,11 @@ class ClosedLoop(Study):
     question: ClassVar = "Do plans reach their goals on robots that are not as described?"
     measures: ClassVar = RUNNING
 
-    problems: Choices = ("published-default", "random-100:20")
+    problems: Choices = ("published-default", "random-100:7")
     level: Literal["none", "mild", "moderate", "hard"] = "moderate"
-    seeds: Count = 8
+    seeds: Count = 1
     executors: Executors = ("optimal", "greedy")
-    path_models: PathModels = ("arc", "log_spiral")
+    path_models: PathModels = ("arc",)
     plant: Literal["arc", "mujoco"] = "arc"
 
     def cases(self) -> Iterator[Case]:

@@ -29,7 +29,7 @@ class ClosedLoopMissions(Study):
         scenario: A built-in mission with an object that is carried.
         level: Level of disturbance.
         clearance_m: What plans keep to obstacles: as much as runs at this level need.
-        seeds: Robots; 50 take about five times as long as 10.
+        seeds: Robots.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -39,7 +39,7 @@ class ClosedLoopMissions(Study):
     scenario: str = "pick-and-place"
     level: str = "moderate"
     clearance_m: NonNegative = 0.025
-    seeds: Count = 10
+    seeds: Count = 2
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs."""

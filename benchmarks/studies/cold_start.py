@@ -76,7 +76,7 @@ class ColdStart(Study):
     question: ClassVar = "How long does a plan take from the shell, and where does the time go?"
 
     scenario: str = "paper-1"
-    rounds: Count = 21
+    rounds: Count = 3
 
     def cases(self) -> Iterator[Case]:
         """Yield the rounds."""

@@ -54,9 +54,9 @@ class Departure(Study):
     question: ClassVar = "How far do runs leave the paths of their plans?"
     measures: ClassVar = RUNNING
 
-    problems: Choices = ("random-100:25",)
+    problems: Choices = ("random-100:3",)
     levels: Levels = ("mild", "moderate", "hard")
-    seeds: Count = 2
+    seeds: Count = 1
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs."""

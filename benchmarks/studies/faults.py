@@ -53,7 +53,7 @@ class Faults(Study):
     measures: ClassVar = RUNNING
 
     problems: Choices = ("random-100:20",)
-    count: Count = 10
+    count: Count = 1
     executors: Executors = ("optimal", "greedy")
     faults: Kinds = tuple(FAULTS)
     first: Annotated[int, Field(ge=0)] = 0

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 from pydantic import TypeAdapter
 
 from benchmarks.attack.forgeries import cost_if_accepted, forged_file
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import Count, Measured, Names, Study
 from twosra_mpc import InputError, Problem, Result, load_problem, plan
 from twosra_mpc.checking.certificate import check
 from twosra_mpc.planning.proof import Prover
@@ -73,8 +73,8 @@ class ForgeryStudy(Study):
     record: ClassVar = TypeAdapter(ForgeryRecord)
     question: ClassVar = "Is a plan verified that costs less than what is proved of all?"
 
-    count: Count = 100
-    problems: tuple[str, ...] = tuple(PROBLEMS)
+    count: Count = 10
+    problems: Names = tuple(PROBLEMS)
 
     def cases(self) -> Iterator[Case]:
         """Yield the forgeries."""

@@ -44,7 +44,7 @@ class Goals(Study):
     question: ClassVar = "Is every goal planned or refused, and none given up that has no shape?"
 
     scenario: str = "paper-1"
-    count: Count = 2000
+    count: Count = 100
     curvature_per_m: Positive = 70.0
     half_widths_per_m: Numbers = (1e-6, 0.7, 5.0)
     seed: Count = 2026

@@ -48,8 +48,8 @@ class Lying(Study):
 
     robot: str = "2sra-v1"
     lies: Kinds = LIES
-    count: Count = 40
-    sound: Count = 1000
+    count: Count = 1
+    sound: Count = 13
     lasts_s: Positive = 1500.0
 
     def cases(self) -> Iterator[Case]:

@@ -40,7 +40,7 @@ class Missions(Study):
     """Missions of random goals in free space.
 
     Attributes:
-        count: Missions of each kind; 100 take about ten times as long as 10.
+        count: Missions of each kind.
         goals: How many goals missions have that say whole shapes.
         boxes_per_m: Half-widths of the boxes of curvature of the others.
         box_goals: How many goals these have.
@@ -54,9 +54,9 @@ class Missions(Study):
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Several goals as one plan: how much is saved, how good, how fast?"
 
-    count: Count = 10
-    goals: Counts = (2, 3, 4)
-    boxes_per_m: Numbers = (5.0, 10.0, 15.0, 20.0)
+    count: Count = 2
+    goals: Counts = (2, 3)
+    boxes_per_m: Numbers = (5.0, 20.0)
     box_goals: Count = 4
     position_m: Positive = 0.25
     curvature_per_m: Positive = 30.0

@@ -21,35 +21,40 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import Count, Measured, Names, Study
 
 ROOT = Path(__file__).parents[2]
 _COPIED = ("twosra_mpc", "tests", "benchmarks", "examples", "pyproject.toml")
 _LONGEST_S = 1800.0  # of a run of tests: a mutant that never ends is noticed, too
-_SEARCH = "twosra_mpc/planning/search"
+_BOUNDS = "twosra_mpc/planning/bounds"
 # Module -> the tests beside it.
 TESTS: dict[str, tuple[str, ...]] = {
-    f"{_SEARCH}/bends.py": ("test_bounds", "test_bending", "test_node_bounds"),
-    f"{_SEARCH}/bounds.py": ("test_bounds", "test_motion_effort"),
-    f"{_SEARCH}/drive_bound.py": ("test_drive_bound",),
-    f"{_SEARCH}/linear_program.py": ("test_linear_program",),
-    f"{_SEARCH}/mission_bound.py": ("test_missions", "test_node_bounds"),
-    f"{_SEARCH}/motion_bound.py": ("test_motion_bound",),
-    f"{_SEARCH}/pose_bound.py": ("test_pose_bound",),
-    f"{_SEARCH}/rigid_motion.py": ("test_rigid_motion",),
-    f"{_SEARCH}/schedule.py": ("test_timing", "test_bounds"),
+    f"{_BOUNDS}/bends.py": ("test_bounds", "test_bending", "test_node_bounds"),
+    f"{_BOUNDS}/sequence_bound.py": ("test_bounds", "test_motion_effort"),
+    f"{_BOUNDS}/drive_bound.py": ("test_drive_bound",),
+    f"{_BOUNDS}/linear_program.py": ("test_linear_program",),
+    f"{_BOUNDS}/stages_bound.py": ("test_missions", "test_node_bounds"),
+    f"{_BOUNDS}/motion_bound.py": ("test_motion_bound",),
+    f"{_BOUNDS}/pose_bound.py": ("test_pose_bound",),
+    f"{_BOUNDS}/rigid_motion.py": ("test_rigid_motion",),
+    f"{_BOUNDS}/schedule.py": ("test_timing", "test_bounds"),
     "twosra_mpc/model/bending.py": ("test_bending", "test_bounds"),
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/problem/tolerances.py": ("test_tolerance", "test_attack", "test_verify_command"),
-    "twosra_mpc/checking/between_samples.py": ("test_forged_plans",),
+    "twosra_mpc/checking/sweep.py": ("test_forged_plans", "test_checking_missions"),
+    "twosra_mpc/checking/reintegration.py": ("test_forged_plans",),
     "twosra_mpc/checking/certificate.py": ("test_certificate",),
     "twosra_mpc/checking/cost.py": ("test_motion_effort", "test_verify_command"),
     "twosra_mpc/checking/events.py": ("test_certificate",),
     "twosra_mpc/checking/fibre.py": ("test_certificate",),
-    "twosra_mpc/checking/heating.py": ("test_forged_plans", "test_verify_command"),
+    "twosra_mpc/checking/heat.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/plan_file.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/verification.py": ("test_verification", "test_forged_plans"),
 }
+QUICK = (
+    *(f"{_BOUNDS}/drive_bound.py", f"{_BOUNDS}/linear_program.py"),
+    *("twosra_mpc/model/bending.py", "twosra_mpc/checking/sweep.py"),
+)
 _OPPOSITE: dict[type[ast.cmpop], type[ast.cmpop]] = {
     **{ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt},
     **{ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
@@ -85,25 +90,23 @@ class Mutants(Study):
     """Random mutants of modules that prove or verify.
 
     Attributes:
-        modules: Which modules.
-        count: Mutants of each; slacks, which are constants, come first and are all taken.
+        modules: Which modules, by default those whose tests are quick.
+        count: Mutants of each.
     """
 
     record: ClassVar = TypeAdapter(MutantRecord)
     question: ClassVar = "Is every mistake in a proof noticed by the tests beside it?"
     measures: ClassVar = ("twosra_mpc", "tests")
 
-    modules: tuple[str, ...] = tuple(TESTS)
-    count: Count = 12
+    modules: Names = QUICK
+    count: Count = 2
 
     def cases(self) -> Iterator[Case]:
         """Yield the mutants, module by module."""
         for module in self.modules:
-            kinds = [isinstance(each, ast.Constant) for each in places(_tree(module))]
-            slacks = np.flatnonzero(kinds)
-            others = np.random.default_rng(0).permutation(np.flatnonzero(~np.array(kinds)))
-            chosen = [*slacks, *others[: max(0, self.count - len(slacks))]]
-            yield from (Case(module, int(number)) for number in chosen)
+            found = sum(1 for _ in places(_tree(module)))
+            chosen = np.random.default_rng(0).permutation(found)[: self.count].tolist()
+            yield from (Case(module, number) for number in chosen)
 
     def run(self, case: Case) -> MutantRecord:
         """Make the mistake and run the tests beside it."""

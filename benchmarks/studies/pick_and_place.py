@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-from pydantic import BeforeValidator, Field, TypeAdapter
+from pydantic import TypeAdapter
 
 from benchmarks.measurement import timed_in_turns
-from benchmarks.study import Count, Study
+from benchmarks.study import Count, Names, Study
 from twosra_mpc import load_problem, plan
 from twosra_mpc.analysis.goal_by_goal import goal_by_goal
-from twosra_mpc.validation import Positive, plain
+from twosra_mpc.validation import Positive
 
 
 class Case(NamedTuple):
@@ -33,7 +33,7 @@ class PickAndPlace(Study):
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Fetch, carry, put down: one plan beside goal by goal from cold?"
 
-    scenarios: Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(plain)]
+    scenarios: Names
     repeats: Count = 3
     time_limit_s: Positive = 60.0
 

@@ -43,8 +43,8 @@ class Soak(Study):
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do memory and open files stay flat over many plans of many robots?"
 
-    count: Count = 40
-    robots: Count = 4
+    count: Count = 160
+    robots: Count = 40
     time_limit_s: Positive = 2.0
 
     def cases(self) -> Iterator[Case]:

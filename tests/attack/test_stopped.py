@@ -1,4 +1,4 @@
-"""Kills and interrupts, a few of each; ``python tests/attack COUNT`` does many."""
+"""Kills and interrupts, a few of each; ``python -m benchmarks files`` does more."""
 
 from __future__ import annotations
 

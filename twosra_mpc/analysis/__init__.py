@@ -1,1 +1,1 @@
-"""What a plan says beyond itself: why it is so, what others would cost, how models differ."""
+"""Explanations of plans: reasons, critical paths, and what other plans would cost."""

@@ -23,7 +23,6 @@ from twosra_mpc.planning.planner import plan_until_interrupted, plan_without
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import task_words
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Task, orders
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
@@ -60,7 +59,7 @@ class Alternative:
 
     @property
     def result(self) -> Result | None:
-        """What planning came to, if one plan was asked for."""
+        """Result of planning, if one plan was asked for."""
         return self.results[0] if len(self.results) == 1 else None
 
     @property
@@ -88,7 +87,7 @@ class Alternative:
 
     @property
     def outcome(self) -> str:
-        """What came of it, in words."""
+        """Outcome in words."""
         if self.result is None:
             return self.details
         return f"{self.result.message} ({self.details})" if self.details else self.result.message
@@ -162,7 +161,7 @@ def _of_tasks(
         results = () if way.trouble else way.results
         yield Alternative(f"goal by goal, {words}", details, original, results)
     for tasks in other_orders:
-        begun = (task_words(t, i) for i, t in enumerate(tasks, start=1) if not t.needs_held)
+        begun = (t.said(i) for i, t in enumerate(tasks, start=1) if not t.needs_held)
         change = f"in the order {', '.join(begun)}"
         tell(change)
         found = plan_until_interrupted(original.problem.with_values(tasks=tasks))

@@ -1,4 +1,4 @@
-"""What the duration of a plan is made of: activities that follow each other without a gap.
+"""Critical path of a plan: activities that follow each other without a gap.
 
 Each of them ends exactly when the next one begins, the first begins at t = 0 and the last one ends
 the plan. What happens beside them costs no time of its own.
@@ -16,7 +16,7 @@ from twosra_mpc.robot.modes import named, soft_segments
 Kind = Literal["drive", "bend", "heat", "melt", "cool", "freeze", "wait"]
 
 _SAME_S = 1e-5  # events closer than this are one
-_WORTH_TELLING_S = 1e-3
+_WORTH_TELLING_S = 1e-3  # shorter activities are rounding to a reader
 _RANK = {"drive": 0, "bend": 0, "melt": 1, "freeze": 1, "heat": 2, "cool": 2, "wait": 3}
 _VERB = {
     "drive": "driving",
@@ -51,7 +51,7 @@ class Activity:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.end_s - self.start_s
 
     def __str__(self) -> str:

@@ -29,13 +29,13 @@ from twosra_mpc.analysis.critical_path import (
 )
 from twosra_mpc.arguments import made, public
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import stages
+from twosra_mpc.plans.stretches import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model
@@ -49,7 +49,7 @@ _SAME_S = 1e-5  # events closer than this are one
 
 @dataclass(frozen=True)
 class TaskCost:
-    """What a task of a plan costs.
+    """Cost of a task of a plan.
 
     Attributes:
         words: What is done, e.g. "grasp cup".
@@ -72,12 +72,12 @@ class TaskCost:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.done_s - self.from_s
 
     @property
     def shares(self) -> str:
-        """What it melts, or why it need not, in words."""
+        """Segments that it melts, or why it need not, in words."""
         if self.melted:
             return f"melts {named('segment', self.melted, len(self.melted) + 1)}"
         if self.bends:
@@ -90,7 +90,7 @@ class TaskCost:
 @made
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why a plan is what it is.
+    """Reasons for a plan, and its alternatives.
 
     Attributes:
         result: What is explained: the plan, or that there is none.
@@ -211,7 +211,7 @@ def explain(
 
 
 def _reshaping(result: Result) -> tuple[Reshaping | None, bool]:
-    """Why and where a plan reshapes; whether that was not ended by Ctrl-C."""
+    """Reasons and places of reshaping; and False where Ctrl-C ended that."""
     from twosra_mpc.analysis.reshaping import reshaping  # only among obstacles anyone waits for it
 
     try:
@@ -252,10 +252,10 @@ def _why(made: Plan) -> Iterator[str]:
 
 
 def task_costs(made: Plan) -> tuple[TaskCost, ...]:
-    """What each stage of a mission's plan costs: its times and energies add up to the plan's."""
+    """Costs of the stages of a mission's plan: times and energies add up to the plan's."""
     heating = transition_model(made.problem).heating(made.transitions)
     found, shape_of = list[TaskCost](), "the start"
-    parts = stages(made.trajectory)
+    parts = stretches(made.trajectory)
     for i, stage in enumerate(parts):
         ends_s = stage.to_s if i + 1 < len(parts) else made.duration_s
         melts = [item for item in made.transitions if item.to == "soft"]

@@ -12,7 +12,6 @@ from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import task_words
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
@@ -42,12 +41,12 @@ class GoalByGoal:
 
     @property
     def cost(self) -> float | None:
-        """What all plans cost together [s]; None where one is missing."""
+        """Cost of all plans together [s]; None where one is missing."""
         return None if self.trouble else sum(each.require().cost.total for each in self.results)
 
     @property
     def melts(self) -> int:
-        """How many segments are melted in all plans."""
+        """Number of melts in all plans."""
         made = [item for each in self.results if each.plan for item in each.plan.transitions]
         return sum(item.to == "soft" for item in made)
 
@@ -106,7 +105,7 @@ def goals(problem: Problem) -> Iterator[tuple[str, tuple[Task, ...], bool]]:
     for number, task in enumerate(problem.tasks, start=1):
         before = (*before, task)
         if task.rests:
-            yield task_words(task, number), before, False
+            yield task.said(number), before, False
             before = ()
     if before or not problem.ends_anywhere:
         yield "reach the goal", before, True

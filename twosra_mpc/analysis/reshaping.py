@@ -1,4 +1,4 @@
-"""Why a plan among obstacles reshapes: which obstacles block a shape, and where there is room.
+"""Reasons for reshaping among obstacles: obstacles that block a shape, and places with room.
 
 That a shape is blocked is proved on a superset of where it can be. An obstacle is to blame if the
 proof fails without it alone.
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from twosra_mpc.planning.obstacles.block import Block, Sweep, blocks_of
-from twosra_mpc.planning.obstacles.necessity import (
+from twosra_mpc.planning.solver.block import Block, Sweep
+from twosra_mpc.planning.stages.necessity import (
     HEADINGS,
     Necessity,
     last_shape,
@@ -29,22 +29,29 @@ from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
-from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, ModeSequence, is_rigid, sequence_name
+from twosra_mpc.robot.modes import (
+    RIGID,
+    SOFT_BOTH,
+    ModeSequence,
+    blocks_of,
+    is_rigid,
+    sequence_name,
+)
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
 from twosra_mpc.space.separation import Separation
 
 if TYPE_CHECKING:  # it imports shapely
     from twosra_mpc.space.possible import Box
 
-_MOST_OBSTACLES = 10
-_ROOM_M, _PLACES = 0.2, 200
+_MOST_OBSTACLES = 10  # each needs a proof of its own
+_ROOM_M, _PLACES = 0.2, 200  # places are 25 mm apart, half a unit
 _NODES = 40  # of a phase
 
 Proof = Callable[[Problem], bool]
 
 
 class Blockage(NamedTuple):
-    """What is proved to be blocked, and by what.
+    """Motion that is proved to be blocked, and by what.
 
     Attributes:
         words: What cannot be done.
@@ -60,7 +67,7 @@ class Blockage(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a plan reshapes.
+    """Place where a plan reshapes.
 
     Attributes:
         modes: Of its soft phases.
@@ -86,7 +93,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Reshaping:
-    """Why a plan reshapes, or cannot, and where.
+    """Reasons for which a plan reshapes, or cannot, and places.
 
     Attributes:
         why: Reasons, in sentences.
@@ -100,7 +107,7 @@ class Reshaping:
 
 
 def reshaping(result: Result) -> Reshaping:
-    """Why the plan of a result among obstacles reshapes; what blocks it, where there is none."""
+    """Reasons for which a plan among obstacles reshapes; what blocks it, where there is none."""
     problem, made = result.problem, result.plan
     if made is not None and not made.transitions:
         return Reshaping((), (), ())
@@ -125,7 +132,7 @@ def _other_reasons(problem: Problem, made: Plan, proved: bool) -> Iterator[str]:
 
 
 def _blockages(problem: Problem) -> Iterator[Blockage]:
-    """What is proved blocked: a unit whatever the shape, else drives in the shapes of both ends."""
+    """Proved blockages: of a unit whatever the shape, else of drives in the shapes of both ends."""
     unit = unit_without_way(problem)
     if unit is not None:
         words = f"locomotion unit {unit} has no way there"
@@ -162,7 +169,7 @@ def _drives(problem: Problem) -> Iterator[tuple[str, Callable[[int, Problem], bo
 
 
 def _blocks(shape: Footprint, here: Box, there: Box) -> Callable[[int, Problem], bool]:
-    """Whether what is around proves that no drive joins a box of poses to another one."""
+    """Proof, from what is around, that no drive joins a box of poses to another one."""
 
     def proved(headings: int, problem: Problem) -> bool:
         from twosra_mpc.space.possible import apart  # they import shapely

@@ -19,7 +19,7 @@ MOST_SHAPES = 5  # that are reported where singular shapes are not isolated
 _SCAN = {1: 61, 2: 61, 3: 17, 4: 9}  # shapes per curvature in a scan, by number of segments
 _DESCENTS = 40  # from the best shapes of the scan
 _SINGULAR = 1e-6  # scaled wheel rates below which a motion needs no wheel to turn
-_SAME_PER_M = 1e-2
+_SAME_PER_M = 1e-2  # nearer shapes are one, found twice
 
 
 class SingularShape(NamedTuple):

@@ -1,4 +1,4 @@
-"""Where parts of a robot meet, in intervals: section 2 of ``docs/certificate.md``.
+"""Parts of a robot that meet, in intervals: section 2 of ``docs/certificate.md``.
 
 A second account of ``model.self_collision`` for ``checking.fibre``, which shares no code with it.
 Parts that are joined are left out: to ignore what meets is to prove less.

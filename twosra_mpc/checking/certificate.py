@@ -42,7 +42,7 @@ class Prices(NamedTuple):
 
 
 class Bounded(NamedTuple):
-    """What the plans of a sequence cost at least, or all that begin with it."""
+    """Least cost of the plans of a sequence, or of all that begin with it."""
 
     sequence: ModeSequence
     leaf: bool
@@ -51,7 +51,7 @@ class Bounded(NamedTuple):
 
 @dataclass(frozen=True)
 class Proof:
-    """What a certificate proves: the least of ``parts`` bounds every plan of the problem [s].
+    """Proof of a certificate: the least of ``parts`` bounds every plan of the problem [s].
 
     Parts are bounds of plans that keep everything exactly.
     """
@@ -107,7 +107,7 @@ class Checker:
         return None if node[-1:] == (self.rigid,) else (*node, self.rigid)
 
     def node_bound(self, node: ModeSequence) -> float:
-        """What every plan costs whose sequence begins with these phases [s]."""
+        """Lower bound on every plan whose sequence begins with these phases [s]."""
         melted = [self.first[j] or any(mode[j] for mode in node) for j in self.segments]
         missing = [j for j in self.segments if not melted[j] and not self.change[j].contains(0)]
         return self.events.cost(self.events.network(node, [arb(0)] * len(node), missing))
@@ -115,7 +115,7 @@ class Checker:
     # Bends: section 2.
 
     def leaf_bound(self, sequence: ModeSequence, prices: Prices | None = None) -> float:
-        """What every plan costs whose phases are these [s]; inf if there is none."""
+        """Lower bound on every plan of exactly these phases [s]; inf if there is none."""
         if self._kept(sequence):
             return math.inf
         least = self.least(sequence)
@@ -129,7 +129,7 @@ class Checker:
         return max(bound, self._priced(sequence, network, prices, efforts))
 
     def sums(self, sequence: ModeSequence) -> list[list[arb]]:
-        """What W has changed by after each phase, segment by segment, within limits and goal."""
+        """Changes of W after each phase, segment by segment, within limits and goal."""
         room = [between(-r - w, r - w) for r, w in zip(self.room, self.origin, strict=True)]
         later = [sequence[i + 1 :] for i in range(len(sequence))]
         return [
@@ -140,7 +140,7 @@ class Checker:
     def _priced(
         self, sequence: ModeSequence, network: Network, prices: Prices, efforts: Sequence[arb]
     ) -> float:
-        """What a price of every change of W, and of every difference of event times, proves."""
+        """Dual bound: proved by prices of all changes of W and all differences of event times."""
         rows = len(prices.edges), len(prices.slopes), [len(row) for row in prices.bends]
         if rows != (len(network.edges), len(sequence), [len(self.segments)] * len(sequence)):
             raise InputError("certificate.priced", rows, "prices of each edge, phase and W")
@@ -209,7 +209,7 @@ class Checker:
         return self._fastest[key]
 
     def _kept(self, sequence: ModeSequence) -> bool:
-        """Whether what these modes cannot change must change: sums of W with weights -1, 0, 1."""
+        """True if sums of W with weights -1, 0, 1 must change which these modes cannot change."""
         soft = {mode for mode in sequence if any(mode)}
         for kept in itertools.product((-1, 0, 1), repeat=len(self.first)):
             idle = all(sum(c * s for c, s in zip(kept, mode, strict=True)) == 0 for mode in soft)
@@ -233,7 +233,7 @@ class Checker:
         return bends
 
     def least(self, sequence: ModeSequence) -> list[Least] | None:
-        """What phases take at least, where their bends are known; None if one is forbidden."""
+        """Least durations of phases whose bends are known; None if one is forbidden."""
         bends, here, least = self._bends(sequence), list(self.origin), list[Least]()
         if bends is None:
             return [NOTHING] * len(sequence)

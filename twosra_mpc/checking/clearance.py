@@ -1,4 +1,4 @@
-"""How far a plan keeps from obstacles: GEOS distances of the drawn robot, proved in between.
+"""Clearance of a plan: GEOS distances of the drawn robot to obstacles, proved in between.
 
 An opinion of its own: nothing here knows what is free, or how the planner separates pieces.
 """
@@ -35,8 +35,9 @@ _CONTACTS_M = 1e-3  # between points of an edge that may be touched
 _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or carried
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
-_NO_LINE_M = 1e-7
-_NO_AREA_M2 = 1e-8
+_WAYS_OUT = 24  # directions in which it is tried to move a thing away
+_NO_LINE_M = 1e-7  # width at which a fibre without thickness is drawn
+_NO_AREA_M2 = 1e-8  # a tenth of a millimetre, squared: rounding of the drawing
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 
@@ -74,7 +75,10 @@ class Surroundings:
 
     def distances_of_m(self, carried: Carrying, q: Array) -> Array:
         """Distance of what configurations (m, 3 + n) carry to the nearest obstacle, 0 if inside."""
-        return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+        if carried.disc_m is None:
+            return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+        to_middle = shapely.distance(self._all, shapely.points(carried.poses(q)[:, :2]))
+        return np.maximum(to_middle - carried.disc_m, 0.0)
 
     def signed_m(self, q: Array) -> Array:
         """As ``distances_m``; negative where they overlap, by the depth of the deepest point."""
@@ -128,12 +132,19 @@ class Carrying:
         self.name = thing.name
         self._pose_in_b0 = pose_in_b0
         self._own = fine_corners_m(thing.own)
+        disc = thing.own.disc
+        # Radius of a disc about its middle that holds those corners, if it is one.
+        self.disc_m = None if disc is None else float(np.linalg.norm(self._own, axis=1).max())
         seen = fine_corners_m(thing.at(pose_in_b0))
         self.radius_m = float(np.linalg.norm(seen, axis=1).max())  # of its farthest point from b0
 
+    def poses(self, q: Array) -> Array:
+        """Poses of what configurations (m, 3 + n) carry, (m, 3)."""
+        return composed(q[:, :POSE], self._pose_in_b0)
+
     def corners_m(self, q: Array) -> Array:
         """Corners of what configurations (m, 3 + n) carry, (m, corners, 2)."""
-        x, y, phi = np.moveaxis(composed(q[:, :POSE], self._pose_in_b0), -1, 0)
+        x, y, phi = np.moveaxis(self.poses(q), -1, 0)
         turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])
         found: Array = self._own @ np.moveaxis(turn, -1, 0) + np.stack([x, y], -1)[:, None]
         return found
@@ -170,7 +181,7 @@ def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:
 
 
 def depths_m(item: Obstacle, points: Array) -> Array:
-    """How deep points (..., 2) lie within a thing [m]; negative outside, by their distance."""
+    """Depths of points (..., 2) within a thing [m]; negative outside, by their distance."""
     shape, at = shapely.Polygon(fine_corners_m(item)), shapely.points(points)
     shapely.prepare(shape)
     inside = shapely.contains_properly(shape, at)
@@ -186,6 +197,21 @@ def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
     to_fibre = shapely.distance(fibre, at) - geometry.fibre_radius_m
     found: Array = np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
     return found
+
+
+def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, far_m: float) -> bool:
+    """True if a thing gets so far from a robot that rests at q (3 + n,), straight, overlap-free.
+
+    It is asked of the hull of all that it passes, in directions all around.
+    """
+    (solid,), (fibre,) = _drawn(geometry, q[None])
+    angles = np.arange(_WAYS_OUT) * math.tau / _WAYS_OUT
+    ways = far_m * np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = fine_corners_m(thing.at(pose))
+    passed = np.concatenate([np.tile(corners, (_WAYS_OUT, 1, 1)), corners + ways[:, None]], axis=1)
+    hulls = shapely.convex_hull(shapely.multipoints(passed))
+    free = shapely.distance(hulls, fibre) > geometry.fibre_radius_m
+    return bool((free & ~shapely.intersects(hulls, solid)).any())
 
 
 def contacts(geometry: Geometry, item: Obstacle, q: Array) -> tuple[Array, Array]:
@@ -213,7 +239,7 @@ def centroid_and_area(item: Obstacle) -> tuple[Array, float]:
 
 
 def closest(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> Clearance | None:
-    """Where a sweep, and that of what is carried, is nearest to what must be kept clear of."""
+    """Closest approach of a sweep, and of what is carried, to what must be kept clear of."""
     found = [
         _closest(around, sweep, stage.first, stage.last, carried)
         for stage, around, carried in _pairs(problem, of)
@@ -235,7 +261,7 @@ def _pairs(
 
 
 def carrying(problem: Problem, held: Carried) -> Carrying:
-    """What is held."""
+    """Objects that are held."""
     return Carrying(problem.objects[held.object], held.pose_in_b0)
 
 
@@ -273,7 +299,7 @@ def _closest(
 
 
 def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """What is left of the clearance that a plan must keep [m], and what is wrong if too little.
+    """Margin of the clearance that a plan must keep [m], and what is wrong if it is negative.
 
     Uncertain curvatures add to what must be kept. A start that is nearer to some obstacles keeps
     its own distance from each of them, to the accuracy of the sweep, until its first leg ends: all
@@ -324,7 +350,7 @@ def _leaving(
 
 
 def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """How far what is carried is within the workspace [m], and what is wrong if it leaves it."""
+    """Margin of what is carried to the workspace's edges [m], and what is wrong if it leaves it."""
     workspace, worst, words = problem.workspace, np.inf, ""
     for stage in of:
         if stage.held is None or workspace is None:
@@ -345,7 +371,7 @@ def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float
 
 
 def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
-    """What is left of the overlap allowed with what may be touched [m], and what is wrong."""
+    """Margin of the overlap allowed with what may be touched [m], and what is wrong."""
     worst, words = np.inf, ""
     for stage in of:
         for item in stage.touched:
@@ -411,7 +437,7 @@ def check_obstacles(problem: Problem) -> None:
 
 
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
-    """What an end of a problem would have to be, and is not: overlaps, else what is too near."""
+    """Requirement that an end of a problem breaks: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
     hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -DRAWN_M]
     if hit:

@@ -10,7 +10,7 @@ import itertools
 
 import numpy as np
 
-from twosra_mpc.checking.heating import heated_states
+from twosra_mpc.checking.heat import heated_states
 from twosra_mpc.checking.reintegration import between
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.trajectory import Samples, Trajectory, flown

@@ -73,7 +73,7 @@ class Events:
     def network(
         self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int] = ()
     ) -> Network:
-        """What every plan passes that begins with these phases, and melts what is missing."""
+        """Events of every plan that begins with these phases and melts what is missing."""
         if not self.heats:
             return self._waits(sequence, least, missing)
         edges, holds, cost = list[Edge](), list[Edge](), arb(0)
@@ -132,7 +132,7 @@ class Events:
         return False
 
     def _coasts(self, a: Dwell, b: Dwell) -> bool:
-        """Whether a may stay liquid without heat while b melts."""
+        """True if a may stay liquid without heat while b melts."""
         return b.melt is not None and not self.heats[a.segment].longest < b.heating
 
     def _waits(

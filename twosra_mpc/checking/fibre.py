@@ -1,4 +1,4 @@
-"""How a robot bends, in intervals: section 2 of ``docs/certificate.md``.
+"""Bending of the fibre, in intervals: section 2 of ``docs/certificate.md``.
 
 A second account of ``model`` for ``checking.certificate``, which shares no code with it.
 """
@@ -134,7 +134,7 @@ class Fibre:
         return ends[0].union(ends[1])
 
     def bend(self, mode: Mode, kappa: Sequence[arb], unit: int) -> tuple[arb, ...]:
-        """What the travel of a unit does in a soft mode: (u, v, r) of b0 and W, per metre."""
+        """Effect of a unit's travel in a soft mode: (u, v, r) of b0 and W, per metre."""
         geometry, path, side = self.robot.geometry, self.path, (-1, 1)[unit]
         if type(path) is not ArcPath:
             own, other = unit, 1 - unit
@@ -190,7 +190,7 @@ class Fibre:
 
     @property
     def rolls_v(self) -> bool:
-        """Whether v_j is what a wheel of unit j rolls."""
+        """True if v_j is what a wheel of unit j rolls."""
         return getattr(self.path, "speed_reference", "side_wheel") == "side_wheel"
 
     @property
@@ -203,7 +203,7 @@ class Fibre:
         return speed.min(arb(limits.wheel_speed_rad_s) * radius)
 
     def meets_itself(self, mode: Mode, here: Sequence[arb], bend: arb) -> bool:
-        """Whether a bend surely passes a shape in which parts overlap, more than plans may."""
+        """True if a bend surely passes a shape in which parts overlap, more than plans may."""
         begin, end = arb(0), bend
         for _ in range(_LOOKS):
             step = (end - begin) / _PIECES
@@ -216,7 +216,7 @@ class Fibre:
         return False
 
     def least(self, mode: Mode, here: Sequence[arb], bend: arb) -> Least | None:
-        """What a bend takes at least, from rest to rest; None if it passes a forbidden shape.
+        """Least duration of a bend from rest to rest; None if it passes a forbidden shape.
 
         Args:
             mode: A soft mode.

@@ -1,4 +1,4 @@
-"""What holds an object: proof that it cannot leave, or friction while it is pushed.
+"""Holds of objects: proof that one cannot leave, or friction while it is pushed.
 
 An opinion of its own: nothing here knows slices, pieces or how the planner grasps.
 """
@@ -10,14 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.checking.clearance import (
     centroid_and_area,
     contacts,
     depths_m,
+    leaves_straight,
     robot_distances_m,
 )
 from twosra_mpc.checking.sweep import sagitta_m
@@ -28,6 +26,7 @@ from twosra_mpc.robot.geometry import Geometry
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
+_FAR_M = math.sqrt(2) * _LEVELS[0][1]  # beyond all of them
 _TURN = 0.18  # [m]: boxes of a side s are 2 pi s / _TURN high
 _WITHIN_M = 1e-5  # rounding of drawings
 _ALONG = 60  # points at which discs within an object may have their centres, along its longer side
@@ -45,13 +44,14 @@ def cage_proved(
     overlap_m: float,
     finest_m: float = 0.0,
 ) -> bool:
-    """Whether an object cannot leave the robot that stands at a configuration; False: unknown.
+    """True if an object provably cannot leave the robot at a configuration; False: unknown.
 
     The object's poses are cut into boxes (x, y, heading). A disc within the object that overlaps
     the robot by more than it moves over a box blocks that box; what is left is flooded from where
     the object is, and must not come to the edge of what is looked at. So nothing rests on samples:
     a box counts as free unless all of it is proved to be blocked. The object is taken to be smaller
-    by ``overlap_m`` all around, so that it may begin where it touches.
+    by ``overlap_m`` all around, so that it may begin where it touches. Where it can be moved
+    straight out there is no proof to be looked for.
 
     Args:
         geometry: The robot's.
@@ -61,10 +61,12 @@ def cage_proved(
         overlap_m: How deep it overlaps the robot there [m].
         finest_m: Smallest side of a box.
     """
-    discs = _discs(thing)
-    discs[:, 2] -= overlap_m + _WITHIN_M
     seen = composed(inverse(q[:POSE]), pose)
     still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
+    if leaves_straight(geometry, thing, seen, still, _FAR_M):
+        return False
+    discs = _discs(thing)
+    discs[:, 2] -= overlap_m + _WITHIN_M
     for step, within_m in _LEVELS:
         headings = 1 if thing.disc is not None else round(_TURN / step)
         boxes = Boxes(step, round(within_m / step), headings)
@@ -92,12 +94,13 @@ def _discs(thing: Object) -> Array:
     points = np.vstack([low + np.column_stack([x.ravel(), y.ravel()]), low + (high - low) / 2])
     depth = depths_m(own, points)
     order = np.argsort(-depth, kind="stable")
-    found = np.empty((0, 3))
-    for disc in np.column_stack([points, depth])[order[depth[order] > 0]]:
-        beyond = np.linalg.norm(found[:, :2] - disc[:2], axis=1) + disc[2] - found[:, 2]
-        if (beyond > _SLIVER * depth.max()).all():
-            found = np.vstack([found, disc])
-    return found
+    left = np.column_stack([points, depth])[order[depth[order] > 0]]
+    found = []
+    while len(left):
+        found.append(disc := left[0])
+        beyond = np.hypot(*(left[:, :2] - disc[:2]).T) + left[:, 2] - disc[2]
+        left = left[beyond > _SLIVER * depth.max()]
+    return np.array(found).reshape(-1, 3)
 
 
 def _free(
@@ -128,21 +131,32 @@ def _free(
 
 
 def _leads_away(free: NDArray[np.bool_]) -> bool:
-    """Whether free boxes that share sides lead from the middle to the edge in x and y."""
-    parts, count = label(free)
-    pairs = np.column_stack([parts[0].ravel(), parts[-1].ravel()])  # headings go round
-    pairs = pairs[pairs.all(axis=1)]
-    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count + 1, count + 1))
-    _, whole = connected_components(links, directed=False)
-    edge = np.concatenate([parts[:, [0, -1]].ravel(), parts[:, :, [0, -1]].ravel()])
-    middle = parts.shape[1] // 2
-    return bool((whole[edge[edge > 0]] == whole[parts[0, middle, middle]]).any())
+    """True if free boxes that share sides lead from the middle to the edge in x and y."""
+    runs = np.cumsum(_first(free), dtype=np.int32).reshape(free.shape) * free  # along y
+    beside = (runs[:, :-1], runs[:, 1:]), (runs[:-1], runs[1:]), (runs[-1:], runs[:1])
+    met = [_first((one > 0) & (other > 0)) for one, other in beside]
+    links = np.concatenate(
+        [np.column_stack([a[at], b[at]]) for (a, b), at in zip(beside, met, strict=True)]
+    )
+    flooded, middle = np.zeros(int(runs.max()) + 1, dtype=bool), runs.shape[1] // 2
+    flooded[runs[0, middle, middle]] = True
+    while (front := flooded[links].any(axis=1)).any():  # what is beside what is flooded
+        flooded[links[front]] = True
+        links = links[~front]
+    return bool(flooded[runs[:, [0, -1]]].any() or flooded[runs[:, :, [0, -1]]].any())
+
+
+def _first(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The first of each run along the last axis."""
+    first = some.copy()
+    first[..., 1:] &= ~some[..., :-1]
+    return first
 
 
 def pushes(
     geometry: Geometry, thing: Object, pose_in_b0: Array, q: Array, twists: Array
 ) -> NDArray[np.bool_]:
-    """Which twists (m, 3) of b0 push an object such that it stays where it is in the robot, (m,).
+    """True for twists (m, 3) of b0 that push an object such that it stays in the robot, (m,).
 
     Friction under an object that slides slowly resists a load (v, c^2 w) about its centroid, where
     c is 0.6 of the radius of a disc as large (an ellipsoidal limit surface). It stays if contact

@@ -1,4 +1,4 @@
-"""What melts and freezes take at least, in intervals: section 3 of ``docs/certificate.md``.
+"""Least times of melts and freezes, in intervals: section 3 of ``docs/certificate.md``.
 
 A second account of ``thermal`` and ``timing`` for ``checking.certificate``.
 """
@@ -13,7 +13,7 @@ from flint import arb
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.heater import Heater
+from twosra_mpc.robot.segment import Heater
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.two_node import TwoNode
@@ -23,7 +23,7 @@ _LONGEST_S, _HALVINGS = 1e5, 60  # looked for a level, and steps to find it
 
 
 class Heat(NamedTuple):
-    """What no heating of a segment can undercut; times in s.
+    """Lower bounds over all heatings of a segment; times in s.
 
     Attributes:
         lead: From t = 0 to the onset of the first transition.
@@ -225,7 +225,7 @@ class _TwoNodes:
         return arb(before if sign * self.course(core, body, before, on=on)[2] >= 0 else 0.0)
 
     def _short(self, core: arb, body: arb, level: arb, t: float, *, on: bool) -> bool:
-        """Whether the core surely is on this side of a level."""
+        """True if the core surely is on this side of a level."""
         left = level - self.course(core, body, t, on=on)[0]
         return bool(left > 0 if on else left < 0)
 

@@ -14,6 +14,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
 from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
@@ -25,7 +26,7 @@ from twosra_mpc.problem.tolerances import (
 )
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import Mode, mode_name
+from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import own_transitions
 from twosra_mpc.validation import Pair
 
@@ -52,7 +53,7 @@ class Done(NamedTuple):
 
     @property
     def q(self) -> Array:
-        """Where the robot is then, as integrated, (3 + n,)."""
+        """Configuration of the robot then, as integrated, (3 + n,)."""
         found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
         return found
 
@@ -96,7 +97,7 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
         named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:z.1f} s"
         if task.rests and not _at_rest(trajectory, at_s):
             yield f"{named}: the robot moves"
-        yield from (f"{named}: {text}" for text in task.accept(_NotDone(), done))
+        yield from (f"{named}: {text}" for text in _not_done(task.stage(problem.modes), done))
     for held in carried(trajectory):
         yield from _let_go(trajectory, held)
 
@@ -107,7 +108,7 @@ def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
 
 
 def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
-    """What each segment is at a time: 1 soft, 0 rigid, None while it changes."""
+    """Stiffness of each segment at a time: 1 soft, 0 rigid, None while it changes."""
     found = list[int | None]()
     for j, at_start in enumerate(trajectory.problem.start_mode):
         now: int | None = at_start
@@ -138,7 +139,7 @@ def _heading(asked: Pair, done: Done) -> Iterator[str]:
 
 
 def _held_at_start(done: Done) -> Iterator[str]:
-    """What is held at the start is caged, or touched and held by friction while it is pushed.
+    """Objects held at the start must be caged, or touched and held by friction while pushed.
 
     Not asked where it is let go at once.
     """
@@ -161,7 +162,7 @@ def _held_at_start(done: Done) -> Iterator[str]:
 
 
 def _caged(number: int, done: Done, apart: float) -> bool:
-    """Whether it is proved that an object cannot leave the robot."""
+    """True if it is proved that an object cannot leave the robot."""
     from twosra_mpc.checking.holds import cage_proved
 
     problem = done.trajectory.problem
@@ -185,88 +186,103 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
         yield f"{thing.name} is pushed where friction does not hold it at {when:z.1f} s"
 
 
-class _NotDone:
-    """What is missing of tasks at their ends, in words."""
+def _not_done(stage: Stage, at: Done) -> Iterator[str]:
+    """Shortcomings at the end of a stage, in words."""
+    if at.at_s - at.since_s < stage.least_s - TIME_TOLERANCE_S:
+        yield f"it lasts {at.at_s - at.since_s:z.3g} s, not {stage.least_s:zg} s"
+    if stage.last is not None and stiffness(at.trajectory, at.at_s) != stage.last:
+        yield f"the segments are not {mode_name(stage.last)}"
+    if stage.through is not None:
+        yield from _passed(stage.through, at)
+    if stage.goal is not None:
+        yield from _reached(stage.goal, at)
+    if stage.along is not None:
+        yield from _conformed(stage.along, at)
+    if stage.grasps is not None:
+        yield from _grasped(stage.grasps, at)
+    if stage.carries is not None:
+        yield from _carried(stage.carries, at)
+    if stage.releases is not None:
+        yield from _released(stage.releases, at)
 
-    def passed(self, task: Pass, at: Done) -> Iterator[str]:
-        """B0 enters the box."""
-        first, last = at.sweep.over(at.since_s, at.at_s)
-        if not rounded(task).met(at.sweep.q[first : last + 1, :POSE]).any():
-            yield "is not done: its box is not entered"
 
-    def reached(self, goal: GoalSet, mode: Mode | None, at: Done) -> Iterator[str]:
-        """The robot is in the goal set, with that stiffness."""
-        coordinates = at.trajectory.problem.robot.coordinates
-        errors = goal.error(at.q.copy())
-        for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
-            if not abs(error) <= GOAL_TOLERANCE:
-                yield f"its goal's {name} is missed by {error:z.3g} {unit}"
-        now = stiffness(at.trajectory, at.at_s)
-        if mode is not None and now != mode:
-            yield f"the segments are not {mode_name(mode)}"
+def _passed(task: Pass, at: Done) -> Iterator[str]:
+    """B0 enters the box."""
+    first, last = at.sweep.over(at.since_s, at.at_s)
+    if not rounded(task).met(at.sweep.q[first : last + 1, :POSE]).any():
+        yield "is not done: its box is not entered"
 
-    def conformed(self, task: Conform, at: Done) -> Iterator[str]:
-        """Segments lie along the thing, at its surface."""
-        from twosra_mpc.checking.clearance import depths_m  # loads GEOS
 
-        yield from _heading(task.directions_rad, at)
-        geometry = at.trajectory.problem.robot.geometry
-        lines = robot_shape(geometry, at.q, _POINTS).segments
-        for number in task.segments:
-            gaps = -depths_m(at.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
-            least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
-            if most > 1e3 * (task.gap_m + GOAL_TOLERANCE):
-                asked = f"more than gap_m = {1e3 * task.gap_m:zg} mm"
-                yield f"segment {number} is up to {most:z.3g} mm away from {task.object}, {asked}"
-            if least < -1e3 * (OVERLAP_M + GOAL_TOLERANCE):
-                yield f"segment {number} overlaps {task.object} by {-least:z.3g} mm"
+def _reached(goal: GoalSet, at: Done) -> Iterator[str]:
+    """The robot is in the goal set."""
+    coordinates = at.trajectory.problem.robot.coordinates
+    errors = goal.error(at.q.copy())
+    for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
+        if not abs(error) <= GOAL_TOLERANCE:
+            yield f"its goal's {name} is missed by {error:z.3g} {unit}"
 
-    def grasped(self, task: Grasp, at: Done) -> Iterator[str]:
-        """The rigid robot touches the object, and holds it as asked."""
-        yield from _heading(task.directions_rad, at)
-        if any(stiffness(at.trajectory, at.at_s)):
-            yield "the robot is not rigid"
-        apart = at.apart_m(task.object)
-        if not -OVERLAP_M - GOAL_TOLERANCE <= apart <= TOUCHING_M + GOAL_TOLERANCE:
-            state = (
-                f"{1e3 * apart:z.3g} mm away from"
-                if apart > 0
-                else f"{-1e3 * apart:z.3g} mm within"
-            )
-            yield f"the robot is {state} {task.object}, it does not touch it"
-            return
-        number = [item.name for item in at.trajectory.problem.objects].index(task.object)
-        if task.hold == "pushed":
-            yield from _pushed(number, at)
-        elif not _caged(number, at, apart):
-            yield f"it is not proved that {task.object} cannot leave"
 
-    def carried(self, task: Carry, at: Done) -> Iterator[str]:
-        """The object is where it is to be."""
-        names = [item.name for item in at.trajectory.problem.objects]
-        x, y, phi = at.objects[names.index(task.object)].tolist()
-        away = math.hypot(x - task.x_m, y - task.y_m)
-        if away > task.position_tolerance_m + GOAL_TOLERANCE:
-            yield f"{task.object} is {1e3 * away:z.3g} mm from where it should be"
-        if task.phi_rad is None:
-            return
-        turned = abs(math.remainder(phi - task.phi_rad, math.tau))
-        if turned > task.heading_tolerance_rad + GOAL_TOLERANCE:
-            yield f"{task.object} is turned by {turned:z.3g} rad from where it should be"
+def _conformed(task: Conform, at: Done) -> Iterator[str]:
+    """Segments lie along the thing, at its surface."""
+    from twosra_mpc.checking.clearance import depths_m  # loads GEOS
 
-    def released(self, task: Release, at: Done) -> Iterator[str]:
-        """The robot is clear of the object, and free to leave."""
-        from twosra_mpc.checking.holds import cage_proved
+    yield from _heading(task.directions_rad, at)
+    geometry = at.trajectory.problem.robot.geometry
+    lines = robot_shape(geometry, at.q, _POINTS).segments
+    for number in task.segments:
+        gaps = -depths_m(at.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
+        least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
+        if most > 1e3 * (task.gap_m + GOAL_TOLERANCE):
+            asked = f"more than gap_m = {1e3 * task.gap_m:zg} mm"
+            yield f"segment {number} is up to {most:z.3g} mm away from {task.object}, {asked}"
+        if least < -1e3 * (OVERLAP_M + GOAL_TOLERANCE):
+            yield f"segment {number} overlaps {task.object} by {-least:z.3g} mm"
 
-        problem, apart = at.trajectory.problem, at.apart_m(task.object)
-        if apart < problem.clearance_m - UNSEEN_M:
-            asked = f"clearance_m = {1e3 * problem.clearance_m:zg} mm"
-            yield f"the robot is {1e3 * apart:z.3g} mm from {task.object} ({asked})"
-            return
-        number = [item.name for item in problem.objects].index(task.object)
-        geometry, thing = problem.robot.geometry, problem.objects[number]
-        if cage_proved(geometry, thing, at.objects[number], at.q, 0.0, finest_m=_COARSE_M):
-            yield f"the robot cannot leave: {task.object} is within it"
+
+def _grasped(task: Grasp, at: Done) -> Iterator[str]:
+    """The rigid robot touches the object, and holds it as asked."""
+    yield from _heading(task.directions_rad, at)
+    apart = at.apart_m(task.object)
+    if not -OVERLAP_M - GOAL_TOLERANCE <= apart <= TOUCHING_M + GOAL_TOLERANCE:
+        state = (
+            f"{1e3 * apart:z.3g} mm away from" if apart > 0 else f"{-1e3 * apart:z.3g} mm within"
+        )
+        yield f"the robot is {state} {task.object}, it does not touch it"
+        return
+    number = [item.name for item in at.trajectory.problem.objects].index(task.object)
+    if task.hold == "pushed":
+        yield from _pushed(number, at)
+    elif not _caged(number, at, apart):
+        yield f"it is not proved that {task.object} cannot leave"
+
+
+def _carried(task: Carry, at: Done) -> Iterator[str]:
+    """The object is where it is to be."""
+    names = [item.name for item in at.trajectory.problem.objects]
+    x, y, phi = at.objects[names.index(task.object)].tolist()
+    away = math.hypot(x - task.x_m, y - task.y_m)
+    if away > task.position_tolerance_m + GOAL_TOLERANCE:
+        yield f"{task.object} is {1e3 * away:z.3g} mm from where it should be"
+    if task.phi_rad is None:
+        return
+    turned = abs(math.remainder(phi - task.phi_rad, math.tau))
+    if turned > task.heading_tolerance_rad + GOAL_TOLERANCE:
+        yield f"{task.object} is turned by {turned:z.3g} rad from where it should be"
+
+
+def _released(task: Release, at: Done) -> Iterator[str]:
+    """The robot is clear of the object, and free to leave."""
+    from twosra_mpc.checking.holds import cage_proved
+
+    problem, apart = at.trajectory.problem, at.apart_m(task.object)
+    if apart < problem.clearance_m - UNSEEN_M:
+        asked = f"clearance_m = {1e3 * problem.clearance_m:zg} mm"
+        yield f"the robot is {1e3 * apart:z.3g} mm from {task.object} ({asked})"
+        return
+    number = [item.name for item in problem.objects].index(task.object)
+    geometry, thing = problem.robot.geometry, problem.objects[number]
+    if cage_proved(geometry, thing, at.objects[number], at.q, 0.0, finest_m=_COARSE_M):
+        yield f"the robot cannot leave: {task.object} is within it"
 
 
 def _let_go(trajectory: Trajectory, held: Carried) -> Iterator[str]:

@@ -31,7 +31,13 @@ from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, new_times
 from twosra_mpc.problem.limits import UNITS
-from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, FIT_TOLERANCE, GOAL_TOLERANCE, ROUNDING
+from twosra_mpc.problem.tolerances import (
+    DEFECT_TOLERANCE,
+    EFFORT_TOLERANCE,
+    FIT_TOLERANCE,
+    GOAL_TOLERANCE,
+    ROUNDING,
+)
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
 from twosra_mpc.robot.modes import mode_name
@@ -78,7 +84,7 @@ class PlanCheck(ArrayValue):
 
     @property
     def ok(self) -> bool:
-        """Whether everything holds."""
+        """True if everything holds."""
         return not self.problems and all(check.ok for check in self.checks)
 
     def believed(self, source: str) -> Result:
@@ -136,10 +142,10 @@ def checked_text(text: str, source: str, robot: Robot | None = None) -> PlanChec
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
     with reading(source, "plan"):
-        return _checked(result, plan, document, robot)
+        return _check_claims(result, plan, document, robot)
 
 
-def _checked(
+def _check_claims(
     result: Result, plan: Plan, document: dict[str, Any], robot: Robot | None
 ) -> PlanCheck:
     found, cost = examine(plan.trajectory), cost_of(plan.trajectory)
@@ -179,7 +185,7 @@ def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
 
 
 def _robot(stored: Robot, known: Robot | None) -> Check:
-    """Whether the robot in the file is the one that is meant, by any of the path models."""
+    """Check that the robot in the file is the one that is meant, by any of the path models."""
     if known is None and stored.name not in robot_names():
         return Check(
             "robot", f"{stored.name!r} is not built in: taken as it is in the file", ok=True
@@ -198,7 +204,7 @@ def _robot(stored: Robot, known: Robot | None) -> Check:
 
 
 def _differences(stored: object, known: object, where: str = "") -> Iterator[str]:
-    """What is not the same in two tables, by its keys."""
+    """Differences of two tables, by their keys."""
     if isinstance(stored, dict) and isinstance(known, dict):
         for key in sorted(stored.keys() | known.keys()):
             inner = f"{where}.{key}" if where else str(key)
@@ -225,14 +231,17 @@ def _currents(samples: Samples) -> Check:
 
 
 def _cost(plan: Plan, found: Cost) -> Iterator[Check]:
-    """What the plan says it costs, against what its samples cost; old files say no effort."""
+    """Stated cost against that of the samples; old files say no effort."""
     first, stated = float(plan.samples.t_s[0]), plan.cost._asdict()
+    weight, missed_s = plan.problem.cost_weights.effort, EFFORT_TOLERANCE * (found.effort_s or 0.0)
+    missed = {"effort_s": missed_s, "total": weight * missed_s}
     yield Check("begin", f"the samples begin at {first:zg} s", first == 0.0)
     for name, value in found._asdict().items():
-        said, unsaid = stated[name], name == "effort_s" and not plan.problem.cost_weights.effort
+        said, unsaid = stated[name], name == "effort_s" and not weight
         if said is None and unsaid:
             continue
-        same = said is not None and math.isclose(said, value, rel_tol=ROUNDING, abs_tol=ROUNDING)
+        most = ROUNDING * (1 + abs(value)) + missed.get(name, 0.0)
+        same = said is not None and abs(said - value) <= most
         text = f"{_number(said)}; the samples give {_number(value)}"
         yield Check(f"cost.{name}", text, same)
 
@@ -289,7 +298,7 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
 
 
 def _alike(stored: object, expected: object, within: float = ROUNDING) -> bool:
-    """Whether plain data are the same but for rounding, ``within`` relative and absolute."""
+    """True if plain data are the same but for rounding, ``within`` relative and absolute."""
     if isinstance(expected, dict) and isinstance(stored, dict):
         pairs = [(stored[key], expected[key]) for key in expected if key in stored]
         return stored.keys() == expected.keys() and all(_alike(*pair, within) for pair in pairs)
@@ -306,7 +315,7 @@ def _number(value: float | None) -> str:
 
 
 def _stored(stored: Verification, found: Verification) -> Check:
-    """Whether the verification in the file says what was found here."""
+    """Check that the verification in the file says what was found here."""
     name = "verification in the file"
     if stored.ok != found.ok:
         text = f"says {'passed' if stored.ok else 'failed'}, but it is not so"

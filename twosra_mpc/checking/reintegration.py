@@ -127,7 +127,7 @@ _THIRD = (
 )
 # fmt: on
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
-_NO_ERROR = 1e-300
+_NO_ERROR = 1e-300  # avoids 0 / 0 where nothing moves
 
 
 @per_body()
@@ -170,7 +170,7 @@ _LEAST_STEP = 1e-12  # m or rad: where that is too long, a curvature runs away
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """What moves a robot, of `Samples`: times (m,), inputs and rates (m, 5), modes (m, n)."""
+    """Commands that move a robot, of `Samples`: times (m,), inputs, rates (m, 5), modes (m, n)."""
 
     t_s: Array
     v: Array
@@ -182,7 +182,7 @@ class Sent:
 
     @property
     def moves(self) -> NDArray[np.bool_]:
-        """Whether the robot moves from each row to the next, (m,)."""
+        """True where the robot moves from each row to the next, (m,)."""
         return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
 
 
@@ -304,7 +304,7 @@ def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
 
 
 def between(samples: Samples, cut: float | Array, least: int) -> tuple[Sent, NDArray[np.intp]]:
-    """What moves the robot no more than ``cut`` (m or rad) from one row to the next.
+    """Commands that move the robot no more than ``cut`` (m or rad) from one row to the next.
 
     ``cut`` may be a list, one for each interval. Those that move are cut into ``least`` more parts.
 

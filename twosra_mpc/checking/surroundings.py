@@ -16,7 +16,7 @@ from twosra_mpc.problem.tolerances import ROUNDING
 
 
 class Around(NamedTuple):
-    """What was found of a plan's surroundings.
+    """Findings about a plan's surroundings.
 
     Attributes:
         margins: Name of each limit -> margin [m]; none without obstacles.
@@ -59,7 +59,7 @@ def examine_around(trajectory: Trajectory) -> Around:
 
 
 def closest_approach(trajectory: Trajectory) -> Clearance | None:
-    """Where a plan is nearest to an obstacle, to 0.2 mm; None where there is none to be near to.
+    """Closest approach of a plan to an obstacle, to 0.2 mm; None where there is none.
 
     Objects count where they must be kept clear of, and what is carried counts as the robot.
     """
@@ -74,7 +74,7 @@ def closest_approach(trajectory: Trajectory) -> Clearance | None:
 
 
 def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
-    """What is left of ``limits.soft_travel_m`` from the end of a drive to the next one's beginning.
+    """Margin of ``limits.soft_travel_m`` from the end of a drive to the next one's beginning.
 
     Before the first drive counts, too, and after the last one.
     """

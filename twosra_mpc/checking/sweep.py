@@ -61,7 +61,7 @@ class Sweep(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Where the robot, or what it carries, is nearest to an obstacle.
+    """Closest approach of the robot, or of what it carries, to an obstacle.
 
     Attributes:
         least_m: Least distance found [m]; negative: how deep the two overlap, by the deepest point
@@ -154,7 +154,7 @@ def bending_reach_m2(geometry: Geometry) -> Array:
 
 
 def uncertain_m(problem: Problem) -> float:
-    """How far a point may be off, its curvatures known to ``curvature_uncertainty_per_m`` [m]."""
+    """Error of a point's place, curvatures known to ``curvature_uncertainty_per_m`` [m]."""
     geometry = problem.robot.geometry
     reach, left = bending_reach_m2(geometry), geometry.inner_link_of_b0
     worst = max(reach[:left].sum(), reach[left:].sum())
@@ -162,7 +162,7 @@ def uncertain_m(problem: Problem) -> float:
 
 
 def sagitta_m(geometry: Geometry, q: Array) -> float:
-    """What chords of a segment stray from its arc, at most over configurations (m, 3 + n) [m]."""
+    """Largest sagitta of a segment's chords over configurations (m, 3 + n) [m]."""
     chords = np.array(geometry.lengths_m) / CHORDS
     return float((np.abs(q[:, POSE:]) * chords**2 / 8).max(initial=0.0))
 

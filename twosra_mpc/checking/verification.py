@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.heating import heating_problems
+from twosra_mpc.checking.heat import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
@@ -72,12 +72,12 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
 
 
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
-_AT_ONCE = 256  # of these places
+_AT_ONCE = 64  # of these places
 _OFF_M = 1e-3  # more than paths are bent between these places
 
 
 class Findings(NamedTuple):
-    """What was found in a plan.
+    """Findings of the verification of a plan.
 
     Attributes:
         verification: The outcome, as it stands in a plan file.
@@ -257,14 +257,14 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():
         return -1.0  # it is anywhere
-    first = np.arange(0, len(q), _AT_ONCE)
-    known = workspace_margins(problem, q[first])
-    least, travelled = float(known.min()), _travelled_m(problem, q)
-    for k, begin in enumerate(first.tolist()):
-        part = slice(max(begin - 1, 0), begin + _AT_ONCE + 2)
-        travel = travelled[part][-1] - travelled[part][0]
-        if known[k] - travel > least + _OFF_M:
-            continue
+    ends = np.append(np.arange(0, len(q) - 1, _AT_ONCE), len(q) - 1)
+    known = workspace_margins(problem, q[ends])
+    least, travel = float(known.min()), np.diff(_travelled_m(problem, q)[ends])
+    low = (known[1:] + known[:-1] - travel) / 2
+    for k in np.argsort(low, kind="stable").tolist():
+        if low[k] > least + _OFF_M:
+            break
+        part = slice(max(ends[k] - 1, 0), ends[k + 1] + 2)
         charge(Cost.OUTLINE, len(q[part]))
         points = outline_at(problem.robot, q[part])
         margins, same = workspace_margins(problem, q[part], points), at[part][2:] == at[part][:-2]
@@ -278,7 +278,7 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
 
 
 def _travelled_m(problem: Problem, q: Array) -> Array:
-    """How far any point of the robot has come, in a straight line from row to row, (m,) [m]."""
+    """Largest displacement of any point of the robot from row to row, (m,) [m]."""
     geometry, moved = problem.robot.geometry, np.abs(np.diff(q, axis=0))
     bent = moved[:, POSE:] @ bending_reach_m2(geometry)
     beyond = [float(part.sum()) for part in np.array_split(bent, max(1, len(q) // _AT_ONCE))]

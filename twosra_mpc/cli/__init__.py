@@ -45,7 +45,7 @@ _COMMANDS = {
         "plan": ("cli.planning", "Plan a scenario, with a proved gap."),
         "explain": ("cli.comparisons", "Say why a plan is what it is, and what others cost."),
         "check-passage": (
-            "cli.world_commands",
+            "lab.commands.passage_command",
             "Say in which shapes the robot can drive to the goal.",
         ),
         "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),
@@ -69,7 +69,7 @@ _COMMANDS = {
             "Compare the paper with what comes of it here.",
         ),
         "stream": ("cli.stream_command", "Send a plan to a robot over a serial line."),
-        "jog": ("cli.jog_command", "Drive a robot by hand, over a serial line."),
+        "jog": ("lab.commands.jog_command", "Drive a robot by hand, over a serial line."),
     },
     "Simulate": {
         "simulate": ("cli.simulate_command", "Plan and run in closed loop on a simulated robot."),
@@ -291,14 +291,14 @@ def _meant(error: click.UsageError) -> str:
 
 
 def _takes_scenario(error: click.UsageError) -> bool:
-    """Whether what was typed is for a command that takes one scenario."""
+    """True if what was typed is for a command that takes one scenario."""
     return error.ctx is not None and any(
         each.name == "scenario" for each in error.ctx.command.params
     )
 
 
 def _bug(error: Exception) -> str:
-    """What to say of an error that nobody foresaw."""
+    """Message for an error that nobody foresaw."""
     found = printable(f"{type(error).__name__}: {error}")
     return (
         f"this is a bug ({found}). Please report it with the command, its files, what"
@@ -307,6 +307,6 @@ def _bug(error: Exception) -> str:
 
 
 def _in_words(error: OSError) -> str:
-    """What the operating system refused, and on which file."""
+    """Reason of the operating system, and the file."""
     reason = error.strerror or str(error)
     return f"{error.filename}: {reason}" if error.filename else reason

@@ -56,7 +56,7 @@ def compare_command(
 
 
 def _results(problems: dict[str, Problem], output: Output) -> dict[str, tuple[Result, ...]]:
-    """What both planners come to, by name of the problem."""
+    """Results of both planners, by name of the problem."""
     results: dict[str, tuple[Result, ...]] = {}
     for number, (name, problem) in enumerate(problems.items(), start=1):
         words = f"planning {name} ({number} of {len(problems)})"

@@ -21,8 +21,8 @@ from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.installation import DISTRIBUTION, __version__, install_command
+from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.planning.planner import plan
-from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import load_problem
 
@@ -33,7 +33,7 @@ _packages_of_modules = functools.cache(metadata.packages_distributions)  # takes
 
 
 class Finding(NamedTuple):
-    """What was looked at, and what was found."""
+    """Subject of a check, and its finding."""
 
     what: str
     verdict: Literal["PASS", "FAIL", "none"]
@@ -97,7 +97,7 @@ def examine() -> Iterator[Finding]:
     made: list[Result] = []
     yield _tried("IPOPT (nonlinear programs)", lambda: ipopt(made))
     yield _tried("OSQP (tracker)", lambda: osqp(made))
-    yield _tried("self-test: a plan is written, read and verified", lambda: verified(made))
+    yield _tried("self-test: a plan is written, read and verified", lambda: verify_file(made))
 
 
 def _tried(what: str, probe: Callable[[], str]) -> Finding:
@@ -110,7 +110,7 @@ def _tried(what: str, probe: Callable[[], str]) -> Finding:
 
 
 def requirements() -> list[Requirement]:
-    """What the installed package says it needs."""
+    """Requirements that the installed package states."""
     found = map(_REQUIREMENT.match, metadata.requires(DISTRIBUTION) or [])
     return [Requirement(*each.groups("")) for each in found if each]
 
@@ -182,7 +182,7 @@ def osqp(made: list[Result]) -> str:
     return "solves"
 
 
-def verified(made: list[Result]) -> str:
+def verify_file(made: list[Result]) -> str:
     """Write the plan to a file, and check that file."""
     if not made:
         raise RuntimeError("there is no plan to verify")

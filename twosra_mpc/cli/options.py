@@ -1,4 +1,4 @@
-"""What commands share: how to talk, overrides of a scenario, files checked before any work."""
+"""Options that commands share: output, overrides of a scenario, files checked before any work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, tables or JSON, progress, and the check of output paths."""
+"""Output of the commands: exit codes, tables or JSON, progress, and the check of output paths."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import zip_longest
-from textwrap import wrap
 from typing import Any, TextIO
 
 import click
 
 from twosra_mpc.files import plain_data
 
-_WIDTH, _LEAST = 100, 6  # of tables in files and pipes, and of their columns
-EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
+_WIDTH = 100  # characters: of tables in files and pipes
+EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4  # 2: click's own
 EXIT_UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
 EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
 EXIT_BUG, EXIT_INTERRUPTED = 70, 130  # as sysexits.h and shells have them
@@ -28,7 +26,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Output:
-    """How a command talks, as chosen by ``--json`` and ``--quiet``.
+    """Output of a command, as chosen by ``--json`` and ``--quiet``.
 
     Attributes:
         as_json: One JSON document on standard output, and nothing else there.
@@ -78,45 +76,22 @@ def _cell(value: Any) -> str:
 
 def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     """Print a table; in files and pipes it is as wide as its cells, but at most 100 or COLUMNS."""
-    if not _is_terminal(sys.stdout):
-        click.echo(_drawn(header, rows))
-        return
-    from rich import box
+    from rich import box  # what prints no table need not load it
     from rich.console import Console
     from rich.table import Table
 
     table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
     for row in rows:
         table.add_row(*row)
-    console = Console(highlight=False, markup=False)
+    piped = None if _is_terminal(sys.stdout) else shutil.get_terminal_size((_WIDTH, 0)).columns
+    console = Console(width=piped, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         console.print(table)
     click.echo(captured.get(), nl=False)
 
 
-def _drawn(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    """Draw a table as rich does, which takes longer to import than a plan."""
-    table = [[cell.split("\n") for cell in row] for row in (header, *rows)]
-    columns = list(zip(*table, strict=True))
-    widths = [max(len(line) for cell in column for line in cell) for column in columns]
-    most = shutil.get_terminal_size((_WIDTH, 0)).columns - 1
-    while sum(widths) + 3 * len(widths) > most and max(widths) > _LEAST:
-        widths[widths.index(max(widths))] -= 1
-    cells = [[_broken(*each) for each in zip(row, widths, strict=True)] for row in table]
-    lines = [line for row in cells for line in zip_longest(*row, fillvalue="")]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    first, *others = ["   ".join(map(str.ljust, line, widths)) for line in lines]
-    blank, rule = " " * len(first), "─" * len(first)
-    return "\n".join(f" {line} " for line in (blank, first, rule, *others, blank))
-
-
-def _broken(lines: Sequence[str], width: int) -> list[str]:
-    """Lines that are no wider than this."""
-    return [part for line in lines for part in (wrap(line, width) if len(line) > width else [line])]
-
-
 def _is_terminal(stream: TextIO) -> bool:
-    """Whether somebody watches it, as rich decides."""
+    """True if somebody watches it, as rich decides."""
     return stream.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 

@@ -89,7 +89,7 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
 
 
 def _with_proof(found: PlanCheck) -> PlanCheck:
-    """What was found, and whether the certificate proves its own bound and the one reported."""
+    """Findings, with whether the certificate proves its own bound and the one reported."""
     require("--proof", "proof", "python-flint")
     from twosra_mpc.checking.certificate import check
 

@@ -14,8 +14,8 @@ import click
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.installation import require
+from twosra_mpc.planning.conclusion import Progress
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.planning.single_goal.conclusion import Progress
 from twosra_mpc.plans.plan import Plan, Status, above_bound
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
@@ -94,7 +94,7 @@ def plan_command(
 
 
 def _prover(problem: Problem) -> Callable[[float], dict[str, Any]]:
-    """What makes certificates of a problem, if it can have one and the arithmetic is installed."""
+    """Maker of certificates of a problem, if it can have one and the arithmetic is installed."""
     if problem.planner == "greedy":
         raise click.UsageError("--proof proves a lower bound, and the greedy rule has none")
     require("--proof", "proof", "python-flint")

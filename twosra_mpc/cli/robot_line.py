@@ -1,4 +1,4 @@
-"""What ``stream`` and ``jog`` share: options of the line to a robot, and its ending in words."""
+"""Line to a robot, for ``stream`` and ``jog``: its options, and its ending in words."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def _print_run(simulation: Simulation) -> None:
 
 
 def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
-    """What is said of a mission's tasks and objects."""
+    """Rows about a mission's tasks and objects."""
     if not problem.is_mission:
         return []
     rows = [("tasks done", f"{found.tasks_done} of {len(problem.tasks)}")]

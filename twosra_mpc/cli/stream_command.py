@@ -19,7 +19,7 @@ from twosra_mpc.cli.output import (
     print_table,
 )
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.serial.clock import SystemClock
+from twosra_mpc.execution.serial.port import SystemClock
 from twosra_mpc.execution.serial.pose_lines import pose_lines
 from twosra_mpc.execution.serial.robot import RATE_HZ
 from twosra_mpc.execution.serial.stream import (

@@ -21,15 +21,15 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import Array, inverse
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, contacts
-from twosra_mpc.space.enclosure import disc_enclosed, polygon_enclosed
 from twosra_mpc.space.footprint import footprint
+from twosra_mpc.space.possible import disc_enclosed, polygon_enclosed
 
-_SAGITTA_M = 1e-4
+_SAGITTA_M = 1e-4  # by which chords may miss the arc they stand for
 
 
 @dataclass(frozen=True)
 class Cage:
-    """Whether an object cannot leave.
+    """Cage: proof that an object cannot leave, or none.
 
     Attributes:
         proved: It cannot.
@@ -43,12 +43,12 @@ class Cage:
 
     @property
     def words(self) -> str:
-        """What to say of it."""
+        """Verdict in words."""
         return "caged: proved, it cannot leave" if self.proved else "not proved to be caged"
 
 
 def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike) -> Cage:
-    """Whether an object cannot leave a robot in one shape, proved.
+    """Cage of an object by a robot in one shape, as far as it is proved.
 
     Args:
         geometry: Lengths of the robot.
@@ -74,7 +74,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
     return Cage(*found)
 
 
-_FLAT = 1e-9
+_FLAT = 1e-9  # rounding of unit normals
 _OFF = 1e-7  # of a load, out of the cone and still held
 
 
@@ -94,11 +94,11 @@ class PushingCone:
 
     @property
     def words(self) -> str:
-        """What to say of it."""
+        """Verdict in words."""
         return f"pushed: held only while contact is kept (friction {self.friction:zg})"
 
     def holds(self, twists: ArrayLike) -> NDArray[np.bool_]:
-        """Which constant body twists (s_u, s_v, s_r) of b0 (..., 3) keep the object, (...,)."""
+        """True for body twists (s_u, s_v, s_r) of b0 (..., 3) that keep the object, (...,)."""
         given = np.asarray(twists, dtype=float)
         size = np.linalg.norm(given, axis=-1, keepdims=True)
         kept: NDArray[np.bool_] = (given @ self.facets.T <= _OFF * size).all(axis=-1)

@@ -32,12 +32,12 @@ Rows = NDArray[np.intp]
 Place = Callable[[Array, Rows], Array]  # curvatures (k,), rows (k,) -> configurations (k, 3 + n)
 
 TOUCHES_M = 5e-6  # what chords miss: as near counts as touching, as deep as not overlapping
-_STEP_PER_M, _OPENING_PER_M = 0.5, 2.0
-_HALVINGS = 16
+_STEP_PER_M, _OPENING_PER_M = 0.5, 2.0  # of curvatures: 0.4 mm and 1.6 mm of 40 mm
+_STEPS, _ROOM_M = 64, 2e-7  # at most, until so little room is left
 
 
 class Closed(NamedTuple):
-    """How far configurations close.
+    """Closing angles of configurations.
 
     Attributes:
         curvature: Towards the thing, (m,) [1/m].
@@ -71,50 +71,91 @@ def close(
         gap_m: What is left between them and the contour.
     """
     most, geometry = robot.limits.curvature_per_m, robot.geometry
-    reach = float(reach_per_curvature_m2(geometry)[list(segments)].sum())
+    reach = _reach_m2(geometry, segments)
+
+    def rooms(curvature: Array, rows: Rows) -> Array:
+        return _rooms_m(robot, contour, place(curvature, rows), segments, gap_m)
 
     def room(curvature: Array, rows: Rows) -> Array:
-        q = place(curvature, rows)
-        return room_m(robot, contour, q, segments, gap_m)
+        least: Array = rooms(curvature, rows).min(axis=0)
+        return least
 
     everything = np.arange(len(start))
     low, high = np.array(start), np.full(len(start), np.nan)
-    left = room(low, everything)
-    opening = everything[left < 0]
+    above = room(low, everything)
+    below = above.copy()
+    opening = everything[above < 0]
     while len(opening):
-        high[opening] = low[opening]
+        high[opening], below[opening] = low[opening], above[opening]
         low[opening] -= _OPENING_PER_M
         opening = opening[low[opening] >= -most]
-        opening = opening[room(low[opening], opening) < 0]
+        above[opening] = room(low[opening], opening)
+        opening = opening[above[opening] < 0]
     fits = low >= -most
-    closing = everything[left >= 0]
-    left = left[closing]
+    closing = everything[np.isnan(high)]
+    left = rooms(low[closing], closing)
     while len(closing):
-        ahead = np.minimum(low[closing] + np.maximum(left / reach, _STEP_PER_M), most)
-        left = room(ahead, closing)
-        met = left < 0
-        high[closing[met]], low[closing[~met]] = ahead[met], ahead[~met]
+        step = np.maximum((left / reach).min(axis=0), _STEP_PER_M)
+        ahead = np.minimum(low[closing] + step, most)
+        left = rooms(ahead, closing)
+        least = left.min(axis=0)
+        met = least < 0
+        high[closing[met]], below[closing[met]] = ahead[met], least[met]
+        low[closing[~met]], above[closing[~met]] = ahead[~met], least[~met]
         further = ~met & (ahead < most)
-        closing, left = closing[further], left[further]
+        closing, left = closing[further], left[:, further]
     touches = np.isfinite(high)
-    between = everything[touches & fits]
-    for _ in range(_HALVINGS):
-        middle = (low[between] + high[between]) / 2
-        met = room(middle, between) < 0
-        high[between[met]], low[between[~met]] = middle[met], middle[~met]
+    between = everything[touches & fits & (above > _ROOM_M)]
+    before = np.full(len(start), 2)
+    weight = np.ones((2, len(start)))  # of the ends: what stays counts for half as much each time
+    for step in range(_STEPS):
+        if not len(between):
+            break
+        ends = np.array([above[between] - _ROOM_M / 2, _ROOM_M / 2 - below[between]])
+        ends *= weight[:, between]
+        share = np.full(len(between), 0.5) if step % 4 == 3 else ends[0] / ends.sum(axis=0)
+        at = low[between] + share * (high[between] - low[between])
+        left = room(at, between)
+        met = left < 0
+        high[between[met]], below[between[met]] = at[met], left[met]
+        low[between[~met]], above[between[~met]] = at[~met], left[~met]
+        again = np.where(met == before[between], 0.5, 1.0)
+        weight[:, between], before[between] = (
+            np.where([met, ~met], weight[:, between] * again, 1.0),
+            met,
+        )
+        between = between[above[between] > _ROOM_M]
     return Closed(low, touches, fits)
 
 
 def room_m(
     robot: Robot, contour: Contour, q: Array, segments: tuple[int | None, ...], gap_m: float
 ) -> Array:
-    """How much farther than a gap the parts of configurations (m, 3 + n) are, (m,) [m]."""
+    """Distance of the parts of configurations (m, 3 + n) beyond a gap, (m,) [m]."""
+    least: Array = _rooms_m(robot, contour, q, segments, gap_m).min(axis=0)
+    return least
+
+
+def _rooms_m(
+    robot: Robot, contour: Contour, q: Array, segments: tuple[int | None, ...], gap_m: float
+) -> Array:
+    """As ``room_m``, of what is rigid and of the arc of each segment, (2 segments, m) [m]."""
     if not len(q):
-        return np.zeros(0)
+        return np.zeros((2 * len(segments), 0))
     geometry = robot.geometry
-    each = [np.min(apart_m(geometry, contour, parts(geometry, q, j)), axis=0) for j in segments]
-    found: Array = np.min(each, axis=0) - gap_m + TOUCHES_M
-    return found
+    each = [apart_m(geometry, contour, parts(geometry, q, j)) for j in segments]
+    return np.concatenate(each) - gap_m + TOUCHES_M
+
+
+def _reach_m2(geometry: Geometry, segments: tuple[int, ...]) -> Array:
+    """Most that segments, outwards, move parts of ``_rooms_m`` per 1/m, (2 segments, 1) [m2]."""
+    whole = float(reach_per_curvature_m2(geometry)[list(segments)].sum())
+    found, moved, along = list[float](), 0.0, 0.0
+    for length in (geometry.lengths_m[j] for j in segments):
+        moved += along * (geometry.middle_link_m + length) + length**2 / 2
+        along += length  # that turns what is further out
+        found += [whole, moved]
+    return np.array(found)[:, None]
 
 
 OVERLAPS = "overlaps the object"
@@ -310,13 +351,6 @@ def _close_chain(
         reasons[rows[~done.fits]] = OVERLAPS
 
 
-def _bent(q: Array, segments: tuple[int, ...], side: int, curvature: Array, rows: Rows) -> Array:
-    """Rows of configurations (m, 3 + n) with segments of a curvature each, (k, 3 + n)."""
-    bent = q[rows]
-    bent[:, [POSE + j for j in segments]] = side * curvature[:, None]
-    return bent
-
-
 def _laid(
     robot: Robot, contour: Contour, stations: Array, segment: int, side: int, reasons: Array
 ) -> Array:
@@ -344,7 +378,7 @@ def _laid(
 
 
 def _what_keeps_off(robot: Robot, contour: Contour, q: Array, segments: list[int]) -> str:
-    """Why segments of a configuration (3 + n,) do not lie along a contour."""
+    """Reason why segments of a configuration (3 + n,) do not lie along a contour."""
     for j in segments:
         solids, _ = apart_m(robot.geometry, contour, parts(robot.geometry, q[None], j))
         if solids[0] < 4 * TOUCHES_M:

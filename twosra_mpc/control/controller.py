@@ -26,7 +26,7 @@ from twosra_mpc.robot.modes import Stiffness
 Protection = Literal["none", "tripped", "fault"]
 EventKind = Literal["soft", "rigid", "changing", "tripped", "fault", "cleared"]
 
-TRIP_HYSTERESIS_K = 5.0
+TRIP_HYSTERESIS_K = 5.0  # above the noise of sensors
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Event:
 
 @dataclass(frozen=True)
 class ControllerState:
-    """What the controller remembers from one step to the next.
+    """State of the controller from one step to the next.
 
     Attributes:
         time_s: Time since the start.
@@ -93,7 +93,7 @@ class ControllerState:
 
     @property
     def stiffness(self) -> KnownStiffness:
-        """What the segment is known to be."""
+        """Known stiffness of the segment."""
         return self.known.stiffness
 
 
@@ -233,7 +233,7 @@ class StiffnessController:
         )
 
     def _stuck(self, state: ControllerState, here_C: float, dt_s: float) -> tuple[float, float]:
-        """How long full current has not warmed the sensor, and from which temperature on."""
+        """Time for which full current has not warmed the sensor, and the temperature since then."""
         solid = here_C < self.rule.solid_below_C - self.plateau_K
         heated = state.current_A == self.full_current_A and solid
         if heated and here_C < state.stuck_C + self.stuck_below_K:

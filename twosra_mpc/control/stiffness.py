@@ -1,4 +1,4 @@
-"""When a segment *is* soft, and when it *is* rigid.
+"""Observer of the stiffness: when a segment *is* soft, and when it *is* rigid.
 
 Soft: under the set-point soft, the sensor has risen clearly above the melting point. Rigid: after
 the heater has been off for several of the sensor's lags, it has fallen clearly below. Waiting for
@@ -96,7 +96,7 @@ class MeltObserver:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known about a segment from one step to the next.
+    """Knowledge about a segment from one step to the next.
 
     Attributes:
         stiffness: What the segment is.

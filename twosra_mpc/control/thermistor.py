@@ -2,12 +2,9 @@ r"""The temperature sensor of a segment: contact, lag, thermistor, divider, conv
 
 The sensor touches the segment's surface at ``T_a + gain (T - T_a)`` and follows it through two
 lags. Its voltage is rounded to a code of the converter, and firmware turns the code back into a
-temperature. Part and firmware are separate values, so a part can be off by its tolerance:
-
-- `NtcDivider`: 10 k thermistor, :math:`R = R_{25} \exp[B (1/T - 1/298.15)]`, with a fixed resistor.
-- `LinearMap`: the straight line from 0..85 C to 1.1..3.3 V that the paper states. No divider has
-  it: one that spans these voltages, read by a straight line, is 0.9 C low at 65 C and 7.6 C low at
-  25 C.
+temperature. Part and firmware are separate values, so a part can be off by its tolerance.
+`NtcDivider` is a 10 k thermistor, :math:`R = R_{25} \exp[B (1/T - 1/298.15)]`, with a fixed
+resistor.
 """
 
 from __future__ import annotations
@@ -21,8 +18,8 @@ from twosra_mpc.robot.description import Robot
 
 Lag = tuple[float, float]
 
-_ZERO_C_K = 273.15
-_ROOM_K = 298.15
+_ZERO_C_K = 273.15  # kelvin of 0 degrees C
+_ROOM_K = 298.15  # 25 degrees C, at which resistances are stated
 
 
 class Characteristic(Protocol):
@@ -95,32 +92,6 @@ STANDARD = NtcDivider()
 
 
 @dataclass(frozen=True)
-class LinearMap:
-    """The paper's idealised sensor: voltage rises in a straight line with temperature.
-
-    Its upper end is the supply, so from there on it reads as a fault.
-    """
-
-    range_C: tuple[float, float] = (0.0, 85.0)
-    range_V: tuple[float, float] = (1.1, 3.3)
-
-    @property
-    def supply_V(self) -> float:
-        """Upper end of the line."""
-        return self.range_V[1]
-
-    def voltage_V(self, temperature_C: float) -> float:
-        """Voltage on the line, or its extension."""
-        (cold, hot), (low, high) = self.range_C, self.range_V
-        return low + (high - low) * (temperature_C - cold) / (hot - cold)
-
-    def temperature_C(self, voltage_V: float) -> float:
-        """Temperature on the line, or its extension."""
-        (cold, hot), (low, high) = self.range_C, self.range_V
-        return cold + (hot - cold) * (voltage_V - low) / (high - low)
-
-
-@dataclass(frozen=True)
 class TemperatureSensor:
     """A sensor on a segment and the firmware that reads it. A lag is two temperatures [C].
 
@@ -157,7 +128,7 @@ class TemperatureSensor:
         return follow(lag, self.lags_s, before, after, duration_s)
 
     def read_C(self, lag: Lag, error_C: float = 0.0) -> float:
-        """What the firmware makes of the sensor.
+        """Temperature that the firmware makes of the sensor.
 
         Args:
             lag: Where the sensor is.

@@ -57,7 +57,7 @@ class Guard:
             world: What to keep from, if not the problem's obstacles alone.
             carried: Convex pieces of what it carries, in b0, each (k, 2).
         """
-        from twosra_mpc.space.proximity import Proximity, arms_m
+        from twosra_mpc.space.separation import Proximity, arms_m
 
         geometry = problem.robot.geometry
         self._around, self._patience = (

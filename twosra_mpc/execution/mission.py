@@ -22,9 +22,8 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.objects import ACCURACY, Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release, Task, carries, grasps
+from twosra_mpc.problem.tasks import Carry, Grasp, Pass, Release, Task, carries, grasps
 from twosra_mpc.robot.coordinates import POSE, Array, composed, wrapped
-from twosra_mpc.robot.modes import Mode
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
@@ -101,7 +100,7 @@ class Mission:
         """Look whether tasks are done whose time in the plan has come."""
         while self._ends and self._ends[0] <= clock_s + SAME_TIME_S:
             task = self.left[0]
-            if (left := self._unheld(task) or task.accept(self, _name(task))) is not None:
+            if (left := self._unheld(task) or self._not_done(task)) is not None:
                 return left
             self._done()
         return None
@@ -186,21 +185,34 @@ class Mission:
             return Abort("camera", self.session.unseen)
         return self.dropped()
 
-    def passed(self, task: Pass, at: str) -> Abort | None:
+    def _not_done(self, task: Task) -> Abort | None:
+        """Whether what a task asks is missing at its end."""
+        at, stage = _name(task), task.stage(self.problem.modes)
+        if stage.through is not None:
+            return self._passed(stage.through, at)
+        if stage.goal is not None:
+            return self._reached(stage.goal, at)
+        if stage.grasps is not None:
+            return self._grasped(stage.grasps)
+        if stage.carries is not None:
+            return self._carried(stage.carries, at)
+        if stage.releases is not None:
+            return self._released(stage.releases)
+        return self._as_planned(at)
+
+    def _passed(self, task: Pass, at: str) -> Abort | None:
         """Whether b0 was not in the box since the task before."""
         met = task.met(self.session.path[self._rows :, :POSE]).any()
         return None if met else Abort("task", f"{at} is not done: the box was not entered")
 
-    def reached(self, goal: GoalSet, mode: Mode | None, at: str) -> Abort | None:
+    def _reached(self, goal: GoalSet, at: str) -> Abort | None:
         """Whether the robot is not in the goal set."""
-        del mode  # the runner waits for it
         session = self.session
         asked = goal.loosened(-session.accuracy.scale(self.problem.robot.coordinates))
         return self._off_by(asked.error(session.q.copy()), at)
 
-    def conformed(self, task: Conform, at: str) -> Abort | None:
+    def _as_planned(self, at: str) -> Abort | None:
         """Whether the robot is not where the plan leaves it."""
-        del task
         error: Array = self.session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
         error[2] = wrapped(error[2])
         return self._off_by(error, at)
@@ -210,7 +222,7 @@ class Mission:
         text = f"{name} is not done: {accuracy.describe(error)}"
         return None if accuracy.surely(error) else Abort("task", text)
 
-    def carried(self, task: Carry, at: str) -> Abort | None:
+    def _carried(self, task: Carry, at: str) -> Abort | None:
         """Whether the object must be carried on: nearer than need be at first, for it may slide."""
         task = self._aimed(task)
         if self._off(task) <= (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
@@ -218,9 +230,8 @@ class Mission:
         self._looks += 1
         return Abort("task", f"{at} is not done: {self._where(task)}")
 
-    def released(self, task: Release, at: str) -> Abort | None:
+    def _released(self, task: Release) -> Abort | None:
         """Whether the object was moved from where it was carried."""
-        del at
         goal = self._goals.get(task.object)
         if goal is None or self._off(goal) <= 1.0:
             return None
@@ -228,9 +239,8 @@ class Mission:
         text = f"{task.object} was moved while it was released: {self._where(goal)}"
         return Abort("lost", text)
 
-    def grasped(self, task: Grasp, at: str) -> Abort | None:
+    def _grasped(self, task: Grasp) -> Abort | None:
         """Whether the object is neither where it should be held, nor proved to be caged."""
-        del at
         seen, grip = self.session.objects, self._grips[0]
         self._room_m = 0.0
         if seen is None or not seen.seen:

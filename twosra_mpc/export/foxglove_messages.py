@@ -16,7 +16,7 @@ from foxglove import messages
 from numpy.typing import ArrayLike
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stiffness import State
+from twosra_mpc.plans.trajectory import State
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry

@@ -21,8 +21,7 @@ from twosra_mpc.keys import describe
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed, columns
-from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.plans.trajectory import Samples, State, Trajectory, state_at, stiffness_intervals
 from twosra_mpc.robot.coordinates import Array
 
 SCENE, FRAMES, AROUND, OBJECTS = "/robot", "/tf", "/surroundings", "/objects"

@@ -33,7 +33,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 
 WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
-_RULE = "=" * 80
+_RULE = "=" * 80  # between message definitions, as rosbag2 writes it
 _TIME = "int32 sec\nuint32 nanosec\n"
 _TYPES = {  # interface -> its fields
     "builtin_interfaces/Time": _TIME,

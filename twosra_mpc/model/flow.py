@@ -9,6 +9,7 @@ and the temporal network decides when.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,7 +41,7 @@ _STAGES = (
     (3501 / 1720, -300 / 43, 297275 / 52632, -319 / 2322, 24068 / 84065, 0, 3850 / 26703),
 )
 _SIXTH = (3 / 40, 0, 875 / 2244, 23 / 72, 264 / 1955, 0, 125 / 11592, 43 / 616)
-_FIFTH = (13 / 160, 0, 2375 / 5984, 5 / 16, 12 / 85, 3 / 44, 0, 0)
+_FIFTH = (13 / 160, 0, 2375 / 5984, 5 / 16, 12 / 85, 3 / 44, 0, 0)  # for the error alone
 
 
 def runge_kutta(rate: Callable[[ca.SX], ca.SX], start: ca.SX) -> ca.SX:
@@ -145,7 +146,7 @@ def passed(step: ca.Function, start: Array, changes: Array, *given: Array) -> Ar
 def flown(
     robot: Robot | Body, q: Array, s: Array, mode: NDArray[np.int64], parts: int = 1
 ) -> Array:
-    """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n).
+    """Configurations after soft input displacements (m, 5) from q (m, 3 + n), in modes (m, n).
 
     Rows whose error in one step would be too large are cut in half; ``parts`` says how often.
     """
@@ -158,7 +159,7 @@ def flown(
 
 
 def drive(q: Array, s: Array) -> Array:
-    """Where rigid input displacements lead: screw motions, q (3 + n,), s (m, 3) -> (m, 3 + n)."""
+    """Screw motions by rigid input displacements: q (3 + n,), s (m, 3) -> (m, 3 + n)."""
     headings = q[2] + np.cumsum(s[:, 2]) - s[:, 2]
     reached = np.tile(q, (len(s), 1)).astype(float)
     reached[:, :POSE] += np.cumsum(screws(headings, s), axis=0)
@@ -207,6 +208,21 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
     nodes.setflags(write=False)
     fixed.setflags(write=False)
     return Motion(robot, sequence, fixed, nodes)
+
+
+def joined(motions: Sequence[Motion]) -> Motion:
+    """One motion after the other; each begins where the one before ends."""
+    most = max(motion.inputs.shape[1] for motion in motions)
+    inputs, states = list[Array](), list[Array]()
+    for motion in motions:
+        resting = ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0))
+        inputs.append(np.pad(motion.inputs, resting))
+        states.append(np.pad(motion.states, resting, mode="edge"))
+    sequence = tuple(itertools.chain.from_iterable(motion.sequence for motion in motions))
+    all_inputs, all_states = np.concatenate(inputs), np.concatenate(states)
+    all_inputs.setflags(write=False)
+    all_states.setflags(write=False)
+    return Motion(motions[0].robot, sequence, all_inputs, all_states)
 
 
 def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:

@@ -152,7 +152,7 @@ def _cosine(a: Interval) -> Interval:
 
 
 def _holds(a: Interval, angle: float) -> ca.SX:
-    """Whether it holds this angle, up to full turns."""
+    """1 if it holds this angle, up to full turns, else 0."""
     first, last = (_over(_minus(end, angle), 2 * math.pi) for end in a[:2])
     return _at_most(_ceiling(first), _floor(last))
 

@@ -223,7 +223,7 @@ def wheel_configuration(geometry: Geometry, q: ca.SX, sigma: ca.SX) -> ca.SX:
 
 
 def _rolled_rigidly(poses: ca.SX) -> ca.SX:
-    """How far wheels at these poses in b0 roll per body twist (u, v, r), 4x3."""
+    """Rolling of wheels at these poses in b0 per body twist (u, v, r), 4x3."""
     x, y, psi = ca.vertsplit(poses)
     c, s = ca.cos(psi), ca.sin(psi)
     return ca.vertcat(c, s, x * s - y * c).T

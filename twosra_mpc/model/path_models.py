@@ -40,7 +40,7 @@ Twist = tuple[ca.SX, ca.SX, ca.SX]  # motion of a frame: along, across, turn
 
 
 class Bend(NamedTuple):
-    """What the travel of one locomotion unit does in a soft mode, per metre.
+    """Effect of the travel of one locomotion unit in a soft mode, per metre.
 
     Attributes:
         twist: Of b0 in its own frame, (u, v, r) [1, 1, rad/m].
@@ -54,26 +54,26 @@ class Bend(NamedTuple):
 
 
 class PathModel(Protocol):
-    """What the kinematics needs to know of a path."""
+    """Path model, as the kinematics needs it."""
 
     @property
     def speed(self) -> str:
-        """Which point's speed v_j is, in words."""
+        """Point whose speed v_j is, in words."""
 
     @property
     def wheel_map(self) -> WheelMap:
-        """Which wheel speeds belong to the model."""
+        """Wheel map that belongs to the model."""
 
     @property
     def rolls_v(self) -> bool:
-        """Whether v_j is the speed at which a wheel of unit j rolls."""
+        """True if v_j is the speed at which a wheel of unit j rolls."""
 
     @property
     def conserved(self) -> tuple[str, str, float]:
-        """What two soft segments keep while they bend together: name, unit, factor to W_i - W_j."""
+        """Conserved quantity of two soft segments: name, unit, factor to W_i - W_j."""
 
     def bends(self, alpha: ca.SX, sigma: Stiffnesses) -> tuple[Bend, Bend]:
-        """What LU1 does when it moves, and what LU2 does; meaningless where no segment is soft."""
+        """Effects of LU1's and of LU2's travel; meaningless where no segment is soft."""
 
     def share(self, segment: int, alpha: ca.SX) -> ca.SX:
         """The factor g_j(alpha) of a segment's bend."""

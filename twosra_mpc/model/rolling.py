@@ -1,4 +1,4 @@
-r"""What a robot does when its wheels are told to turn: the motion with which they slip least.
+r"""Motion of a robot whose wheels are told to turn: the one with which they slip least.
 
 Four wheel speeds are more than a mode has inputs, so they need not agree. With A the columns of the
 wheel matrix V of the mode's inputs, the robot moves with
@@ -29,7 +29,7 @@ _ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in sin
 
 
 class Drift(NamedTuple):
-    """What happens besides the model while the fibre bends.
+    """Drift besides the model while the fibre bends.
 
     Attributes:
         pivot_rad_per_rad: Turn of a unit about its centre per angle by which the other one bends

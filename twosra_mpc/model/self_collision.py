@@ -28,7 +28,7 @@ from twosra_mpc.robot.description import Body
 
 UNIT_NAMES = ("unit 1", "unit 2")
 FAR_M = 0.01  # separations beyond this are only bounded
-_HALF_TURN = math.pi * (1 + 1e-9)
+_HALF_TURN = math.pi * (1 + 1e-9)  # rad, and rounding
 _BATCH = 256  # shapes
 _BESIDE_M = 1e-9  # rounding in where wheels are mounted
 

@@ -117,7 +117,7 @@ class Engine:
         return poses
 
     def at_rest(self, melted: Sequence[float]) -> bool:
-        """Whether nothing would move if the wheels stood and metal were melted like this."""
+        """True if nothing would move if the wheels stood and metal were melted like this."""
         speeds = self.data.qvel[np.concatenate([self._pose, self._bends.ravel()])]
         changed = np.abs(1.0 - np.asarray(melted) - self._solid) >= _CHANGE
         return bool(np.abs(speeds).max() < _AT_REST) and not changed.any()
@@ -175,11 +175,11 @@ class Engine:
         self.data.act[:] = np.clip(self.data.act, angle - ahead, angle + ahead)
 
     def _addresses(self, joints: Sequence[str]) -> NDArray[np.int64]:
-        """Where joints are in MuJoCo's arrays: each has one coordinate, so that all agree."""
+        """Addresses of joints in MuJoCo's arrays: each has one coordinate, so that all agree."""
         return np.array([self.model.joint(name).id for name in joints], dtype=int)
 
     def _warnings(self, name: str) -> int:
-        """How often MuJoCo has found something; it starts anew each time."""
+        """Number of MuJoCo's warnings; it starts anew each time."""
         kind = getattr(self._mujoco.mjtWarning, f"mjWARN_{name}")
         return int(self.data.warning[int(kind)].number)
 

@@ -270,6 +270,6 @@ def _planar(body: Element, prefix: str, phi: float) -> None:
 
 
 def _unit_touches(unit: int) -> dict[str, str]:
-    """What a unit touches, not itself, and how rough it is: where two touch, the rougher counts."""
+    """Contacts of a unit, not with itself, and friction: where two touch, the rougher counts."""
     touches = _WALL | _UNIT[1 - unit] | _FIBRE | _OBJECT
     return {"contype": f"{_UNIT[unit]}", "conaffinity": f"{touches}", "friction": _SLIPPERY}

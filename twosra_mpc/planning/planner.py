@@ -14,14 +14,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.greedy import plan_greedily
-from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.stages import Variant, only_goal
-from twosra_mpc.planning.nlp.fixed_sequence import timed
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
-from twosra_mpc.planning.search.nodes import Node
-from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.single_goal.conclusion import (
+from twosra_mpc.planning.conclusion import (
     STOPPED,
     Progress,
     advice,
@@ -29,8 +22,14 @@ from twosra_mpc.planning.single_goal.conclusion import (
     conclude,
     nothing_found,
 )
-from twosra_mpc.planning.single_goal.outcome import verified
-from twosra_mpc.planning.single_goal.sequence_solver import (
+from twosra_mpc.planning.greedy import plan_greedily
+from twosra_mpc.planning.relaxation import stage_tree
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.nodes import Node
+from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.solver.fixed_sequence import timed
+from twosra_mpc.planning.solver.outcome import verified
+from twosra_mpc.planning.solver.sequence_solver import (
     Check,
     SequenceSolver,
     Solved,
@@ -38,6 +37,8 @@ from twosra_mpc.planning.single_goal.sequence_solver import (
     checked,
     trusted,
 )
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
@@ -47,7 +48,7 @@ from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
 
-# Of the first look for a plan of several stages; stages of as many phases are looked at later.
+# Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
 
 
@@ -95,7 +96,7 @@ def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> R
 
         check_obstacles(problem)
     if problem.is_mission:
-        from twosra_mpc.planning.missions.checks import check_mission
+        from twosra_mpc.planning.stages.checks import check_mission
 
         check_mission(problem)
     if problem.planner == "greedy":
@@ -142,7 +143,10 @@ def _search(
     for guessed in [checked] if inside else [trusted, checked]:
         result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
         lend_overtime()
-        if result.solution is None or result.solution.plan.verification.ok:
+        if result.solution is None:
+            break
+        result = replace(result, solution=result.solution.with_plan())
+        if result.solution is not None and result.solution.verifies:
             break
         result = replace(result, solution=None)  # a guess that is no plan
         if result.ending is Ending.INTERRUPTED:  # nobody waits for another search
@@ -155,15 +159,11 @@ def _search(
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
-    return conclude(variants[0].problem if tree.only else problem, result, tree, stats)
+    return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
 
 
 def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
     """The ways to solve a problem, each as stages; a result if there are none, or not in time."""
-    if not problem.is_mission:
-        return [only_goal(problem)]
-    from twosra_mpc.planning.missions.variants import Ways  # only then anyone waits for it
-
     ways, ending, status = Ways(problem), Ending.LIMIT, Status.FAILED
     try:
         variants = ways.variants()
@@ -175,7 +175,8 @@ def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
         return variants
     if variants is None:
         before = f"{STOPPED[ending]} before all ways were known"
-        why = f"{nothing_found(problem, several=True)} ({before}): {advice(ending)}"
+        none = nothing_found(problem, several=len(problem.stages()) > 1)
+        why = f"{none} ({before}): {advice(ending)}"
     else:
         why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
         status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
@@ -193,48 +194,50 @@ def _searched(
     """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
     solver: StageSolver = SequenceSolver(variants, guessed)
     if problem.passes or problem.obstacles or problem.objects:
-        from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
+        from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 
         solver = Placer(variants, checked)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
-    aimed = tree
-    if tree.only is None:
-        several = [variant.aimed() for variant in variants]
-        aimed = stage_tree(problem, several, solver, excluded, solver.in_the_way)
+    aimed, narrower = tree, [variant.aimed() for variant in variants]
+    if narrower != list(variants):
+        aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: _first_look(aimed, guesses=solver.guesses),
+        incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
+        look=lambda: None if tree.nodes.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
 
 
-def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | None:
-    """The best of a few promising leaves; of a single goal in free space only to drive."""
-    if tree.only is None:
-        few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
-
-        def short(node: Node) -> list[Node]:
-            leaps = tree.leaps(node)
-            return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
-
-        found = dive(tree, short, **few, out_of_time=out_of_effort)
-        return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
+def _drive(tree: Tree[Solved]) -> tuple[float, Solved] | None:
+    """The better of two guesses to drive without a melt, if that suffices."""
     node = tree.root()
-    if guesses and tree.leaf_bound(node) < math.inf:
-        first = itertools.islice(tree.solve(node), 2)
-        return min(filter(None, first), key=lambda found: found[0], default=None)
-    return None
+    attempts = tree.solve(node) if tree.leaf_bound(node) < math.inf else iter(())
+    found = filter(None, itertools.islice(attempts, 2))
+    return min(found, key=lambda found: found[0], default=None)
+
+
+def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
+    """The best of a few promising sequences of all stages; short stages first."""
+    few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
+
+    def short(node: Node) -> list[Node]:
+        leaps = tree.nodes.leaps(node)
+        return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
+
+    found = dive(tree, short, **few, out_of_time=out_of_effort)
+    return found or dive(tree, tree.nodes.leaps, **few, out_of_time=out_of_effort)
 
 
 def _rest(variants: Sequence[Variant]) -> Result | None:
     """The empty plan, where the start is the goal already."""
     problem, stages = variants[0].problem, variants[0].members[0]
     start, goal = problem.start.configuration, stages[0].goal
-    there = goal.met_at(start) and problem.start_mode == stages[0].last
+    there = goal.met_at(start) and problem.start_mode == stages[0].stage.last
     plain = len(variants) == len(stages) == 1 and stages[0].reaches and not stages[0].passes
     if not there or not plain:
         return None

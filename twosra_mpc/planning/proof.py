@@ -14,7 +14,7 @@ import numpy as np
 
 from twosra_mpc.checking.certificate import Checker, Prices, check
 from twosra_mpc.checking.events import ORIGIN
-from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence

@@ -1,4 +1,4 @@
-"""Where objects are during a plan: where they were put, or as the robot carries them."""
+"""Poses of objects during a plan: where they were put, or as the robot carries them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Carried(NamedTuple):
 
 
 def carried(trajectory: Trajectory) -> tuple[Carried, ...]:
-    """What a plan carries, in order."""
+    """Objects that a plan carries, in order."""
     problem, found = trajectory.problem, list[Carried]()
     names = [item.name for item in problem.objects]
     poses = [item.pose.pose for item in problem.objects]
@@ -84,7 +84,7 @@ class TaskDone(NamedTuple):
 
 
 class CarriedObject(NamedTuple):
-    """What is carried, in a plan file: `Carried` with the object's name."""
+    """Carried object in a plan file: `Carried` with the object's name."""
 
     object: str
     from_s: float
@@ -93,7 +93,7 @@ class CarriedObject(NamedTuple):
 
 
 def mission_document(trajectory: Trajectory) -> dict[str, Any]:
-    """What a plan file says of a mission beyond the scenario: ``tasks`` and ``carried``."""
+    """Keys of a mission in a plan file, beyond the scenario: ``tasks`` and ``carried``."""
     problem = trajectory.problem
     done = zip(trajectory.done_s, trajectory.configuration(trajectory.done_s), strict=True)
     tasks = [

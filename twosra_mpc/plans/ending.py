@@ -1,4 +1,4 @@
-"""Why a search ended: said by the search, kept with its result."""
+"""Endings of a search: said by the search, kept with its result."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import enum
 
 
 class Ending(enum.StrEnum):
-    """Why a search ended."""
+    """Reason for the end of a search."""
 
     CLOSED = "closed"  # the incumbent is within the gap of the lower bound
     EXHAUSTED = "exhausted"  # nothing left to open can beat the incumbent

@@ -26,7 +26,7 @@ _SAME = 1e-9  # of a cost: no more than rounding
 
 
 class Status(enum.StrEnum):
-    """What is known about a problem's plan."""
+    """Status of a problem's plan."""
 
     OPTIMAL = "optimal"  # verified, proved within the asked gap of the best possible
     FEASIBLE = "feasible"  # verified; the gap is larger than asked, or not known
@@ -52,7 +52,7 @@ class Cost(NamedTuple):
 
 @dataclass(frozen=True)
 class Verification:
-    """What independent re-integration and checking of a plan found.
+    """Findings of the independent re-integration and checking of a plan.
 
     Attributes:
         max_defect: Largest difference between the samples and their re-integration [m, rad, 1/m].
@@ -153,7 +153,7 @@ class Plan(ArrayValue):
 
     @property
     def slower_by(self) -> float | None:
-        """What the plan costs more than at full speed, on purpose [s]; None if not known."""
+        """Cost beyond that at full speed, on purpose [s]; None if not known."""
         if self.fastest_cost is None:
             return None
         more = self.cost.total - self.fastest_cost
@@ -161,7 +161,7 @@ class Plan(ArrayValue):
 
     @property
     def status(self) -> Status:
-        """What verification and gap say of it."""
+        """Status by verification and gap."""
         if not self.verification.ok:
             return Status.FAILED
         proved = self.gap is not None and self.gap <= self.problem.gap
@@ -261,5 +261,5 @@ def within(gap: float) -> str:
 
 
 def _costs(plan: Plan) -> str:
-    """What is put before a number of seconds that is not only time."""
+    """Prefix of a number of seconds that is not only time."""
     return "cost " if any(plan.problem.weights.model_dump().values()) else ""

@@ -1,4 +1,4 @@
-"""What planning came to: a plan or none, what was proved, and why the search ended."""
+"""Results of planning: a plan or none, what was proved, and why the search ended."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Result(ArrayValue):
 
     @property
     def found(self) -> bool:
-        """Whether there is a verified plan."""
+        """True if there is a verified plan."""
         return self.plan is not None and self.status in (Status.OPTIMAL, Status.FEASIBLE)
 
     @property
@@ -86,7 +86,7 @@ class Result(ArrayValue):
 
     @property
     def stopped_early(self) -> bool:
-        """Whether a limit or an interrupt ended the search before the asked gap."""
+        """True if a limit or an interrupt ended the search before the asked gap."""
         return self.ending in (Ending.LIMIT, Ending.INTERRUPTED)
 
     def require(self) -> Plan:

@@ -1,4 +1,4 @@
-r"""How fast a path is travelled: the quickest way from rest to rest, or a slower one.
+r"""Speed profiles along a path: the quickest way from rest to rest, or a slower one.
 
 Let l be the length of a phase's path in its inputs, :math:`v = \dot l\, s_k / |s_k|` in interval
 k, :math:`b = \dot l^2` and :math:`\ddot l = b' / 2`. With w(l) the wheels' turn per length the
@@ -39,7 +39,7 @@ _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then eve
 
 @dataclass(frozen=True, eq=False)
 class SpeedProfile:
-    """How one phase is travelled; m pieces of constant acceleration of x.
+    """Speed profile of one phase; m pieces of constant acceleration of x.
 
     Attributes:
         x: Where pieces begin, and the end, in intervals, (m + 1,).

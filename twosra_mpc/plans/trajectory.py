@@ -1,11 +1,15 @@
-"""What a plan does at any time: the one place that looks between its samples."""
+"""Trajectory of a plan at any time: the one place that looks between its samples.
+
+The stiffness of the segments over it is told in intervals: rigid, melting, soft or freezing.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +28,7 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
-HIGHEST_RATE_HZ = 1000.0
+HIGHEST_RATE_HZ = 1000.0  # of set-points; no controller of such robots takes more
 
 
 class Phase(NamedTuple):
@@ -83,7 +87,7 @@ class Samples(ArrayValue):
 
     @property
     def moves(self) -> NDArray[np.bool_]:
-        """Whether the robot moves from each sample to the next, (rows,)."""
+        """True where the robot moves from each sample to the next, (rows,)."""
         return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
@@ -163,12 +167,12 @@ class Trajectory(ArrayValue):
         return self.samples.heater_setpoint_C[self._in_force(t)[1]]
 
     def wheel_travel_rad(self, t: ArrayLike) -> Array:
-        """How far each wheel has turned since t = 0, at these times [s], (n,): (n, 4)."""
+        """Turns of each wheel since t = 0, at these times [s], (n,): (n, 4)."""
         _, at, elapsed = self._in_force(t)
         return self._turned_rad[at] + self._rolled(at, elapsed)
 
     def held(self, rate_Hz: float | None = None) -> Samples:
-        """What to send: rows whose inputs and wheel speeds hold to the next one and lose nothing.
+        """Set-points to send: rows whose inputs and wheel speeds hold to the next and lose nothing.
 
         They are means from row to row, so that every wheel turns as far as in the plan. Rows are at
         a regular rate, where phases begin and end, and at the end; or on the plan's own grid.
@@ -250,7 +254,7 @@ class Trajectory(ArrayValue):
         return flown(self.problem.robot, self.samples.q[at], s, self.samples.mode[at])
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
-        """How far the wheels turn within ``elapsed`` [s] after the samples ``at``, by Simpson."""
+        """Turns of the wheels within ``elapsed`` [s] after the samples ``at``, by Simpson."""
 
         def speeds(share: float) -> Array:
             t = share * elapsed
@@ -280,7 +284,7 @@ def new_times(times: Array, known: Array) -> Array:
 
 
 def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
-    """Where input displacements s = v h lead from q, row by row; rows at rest stay as they are."""
+    """Configurations after input displacements s = v h from q; rows at rest stay as they are."""
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
@@ -298,3 +302,44 @@ def wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> A
         rows = q[moving], v[moving], mode[moving]
         (speeds[moving],) = by_rows(wheel_travel(robot), *rows)
     return speeds
+
+
+State = Literal["rigid", "melting", "soft", "freezing"]
+CHANGING: tuple[State, ...] = ("melting", "freezing")
+
+
+class Interval(NamedTuple):
+    """From ``start_s`` on, until ``end_s``, a segment is in one state."""
+
+    start_s: float
+    end_s: float
+    state: State
+
+
+def stiffness_intervals(trajectory: Trajectory) -> tuple[tuple[Interval, ...], ...]:
+    """For each segment, the intervals that fill the plan; the last one may have no length."""
+    changes: list[list[tuple[float, State]]] = [
+        [(0.0, "soft" if soft else "rigid")] for soft in trajectory.problem.start_mode
+    ]
+    for item in trajectory.transitions:
+        changing: State = "melting" if item.to == "soft" else "freezing"
+        changes[item.segment - 1] += [(item.onset_s, changing), (item.done_s, item.to)]
+    return tuple(_intervals(each, trajectory.duration_s) for each in changes)
+
+
+def state_at(intervals: Sequence[Interval], time_s: float) -> State:
+    """The state at a time; at a border that of the interval that begins."""
+    place = bisect_right([one.start_s for one in intervals], time_s + SAME_TIME_S) - 1
+    return intervals[max(place, 0)].state
+
+
+def soft_and_changing(states: Sequence[State]) -> tuple[Mode, Mode]:
+    """Soft segments, also those that freeze, and those that melt or freeze; 1: they do."""
+    soft = tuple(int(state in ("soft", "freezing")) for state in states)
+    return soft, tuple(int(state in CHANGING) for state in states)
+
+
+def _intervals(changes: list[tuple[float, State]], end_s: float) -> tuple[Interval, ...]:
+    ends = [*(t for t, _ in changes[1:]), end_s]
+    whole = [Interval(t, end, state) for (t, state), end in zip(changes, ends, strict=True)]
+    return (*(one for one in whole[:-1] if one.end_s > one.start_s), whole[-1])

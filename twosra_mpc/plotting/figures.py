@@ -1,4 +1,4 @@
-"""What figures have in common: colours, matplotlib's settings, and their files."""
+"""Style of figures: colours, matplotlib's settings, and their files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PALETTE = (
     *(*OBJECT_COLOURS, CONTACT_COLOUR),
 )
 FAINT = 0.33  # opacity of a pose that is left behind
-DPI = 160
+DPI = 160  # of figures: a page's width in 1600 pixels
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,

@@ -55,7 +55,7 @@ def settle_all(figure: Figure) -> None:
 
 
 def _anchor(ax: Axes, words: Text) -> tuple[float, float]:
-    """Where words stand in the picture [pixels]."""
+    """Place of words in the picture [pixels]."""
     at = words.xy if isinstance(words, Annotation) else words.get_position()
     frame = ax.transData if isinstance(words, Annotation) else words.get_transform()
     x, y = frame.transform(at).tolist()

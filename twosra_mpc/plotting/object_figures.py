@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, Polygon
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.stages import Stage
+from twosra_mpc.plans.stretches import Stretch
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.labels import label
@@ -144,7 +144,7 @@ def draw_ends(ax: Axes, trajectory: Trajectory) -> None:
 def free_side(
     corners: Array, robot: RobotShape | None, ahead: Array | None = None
 ) -> tuple[Array, Array]:
-    """Where the name of a polygon (m, 2) may begin, and in which direction from its middle.
+    """Place where the name of a polygon (m, 2) may begin, and its direction from the middle.
 
     Arguments are those of ``draw_objects``.
     """
@@ -235,7 +235,7 @@ def _distance_m(points: Array, outline: Array) -> Array:
     return nearest
 
 
-def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stage]) -> None:
+def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stretch]) -> None:
     """Mark where the middle link is when each stage is done, by numbers; near ones share a mark."""
     if not each:
         return
@@ -254,7 +254,7 @@ def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stage]) -> No
 
 
 def legend_entries(problem: Problem) -> dict[str, Any]:
-    """What a legend says about objects and goals on the way; nothing where there are none."""
+    """Legend of objects and goals on the way; empty where there are none."""
     entries = resting_entries(problem)
     if problem.objects:
         entries["touches it"] = plane.line(figures.CONTACT_COLOUR, 6)
@@ -266,5 +266,5 @@ def legend_entries(problem: Problem) -> dict[str, Any]:
 
 
 def resting_entries(problem: Problem) -> dict[str, Any]:
-    """What a legend says about objects that are drawn where they rest."""
+    """Legend of objects that are drawn where they rest."""
     return {"object": Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)} if problem.objects else {}

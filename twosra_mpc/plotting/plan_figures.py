@@ -19,15 +19,21 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
-from twosra_mpc.plans.stages import Stage, stages
-from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.plans.stretches import Stretch, stretches
+from twosra_mpc.plans.trajectory import (
+    Phase,
+    Samples,
+    State,
+    soft_and_changing,
+    state_at,
+    stiffness_intervals,
+)
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
-WIDTH_IN = 10.0
+WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
@@ -61,7 +67,7 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
 def plan_title(plan: Plan) -> str:
     """Mode sequence, or how many tasks, duration and status; in a second line, what is known."""
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
-    if each := stages(plan.trajectory):
+    if each := stretches(plan.trajectory):
         sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
     planner = "" if plan.planner == "optimal" else f"planner {plan.planner}, "
     return f"{sequence} in {plan.duration_s:z.1f} s: {planner}{plan.status}\n{quality(plan)}"
@@ -75,7 +81,7 @@ def phase_rows(samples: Samples, phase: Phase) -> Array:
 
 def _draw_plane(figure: SubFigure, plan: Plan) -> None:
     """Overview on the left; on the right, if there are several, a panel a phase, or a task."""
-    each = stages(plan.trajectory)
+    each = stretches(plan.trajectory)
     panels = len(each or plan.phases)
     axes = plane.overview_and_panels(figure, panels if panels > 1 else 0, 1.1)
     _draw_overview(axes[0], plan, each)
@@ -122,11 +128,11 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
 
 
 def _end_name(plan: Plan) -> str:
-    """What the end of a plan is called: not all have a goal."""
+    """Name of the end of a plan: not all have a goal."""
     return "goal" if not plan.problem.ends_anywhere else "end"
 
 
-def _draw_stage(ax: Axes, plan: Plan, stage: Stage) -> None:
+def _draw_stage(ax: Axes, plan: Plan, stage: Stretch) -> None:
     """Draw the robot and the objects before and after a stage, and its path."""
     trajectory, geometry = plan.trajectory, plan.robot.geometry
     ends = trajectory.at([stage.from_s, stage.to_s])
@@ -153,7 +159,7 @@ def _draw_touched(
     object_figures.draw_contacts(ax, geometry, shape, outlines, linewidth)
 
 
-def _look_closely(ax: Axes, plan: Plan, stage: Stage) -> None:
+def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
     """Show only the robot at the end of a stage, with a bar that says how large it is."""
     shape = robot_shape(plan.robot.geometry, plan.trajectory.configuration(stage.to_s)[0], 8)
     corners = np.concatenate([part.reshape(-1, 2) for part in (shape.wheels, shape.segments)])
@@ -168,7 +174,7 @@ def _look_closely(ax: Axes, plan: Plan, stage: Stage) -> None:
     ax.annotate("50 mm", (left + 0.025, bottom), (0, 2), color="0.2", zorder=9, **words)
 
 
-def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
+def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
     geometry, samples = plan.robot.geometry, plan.trajectory.samples
     ends, modes = samples.q[[0, -1]], samples.mode[[0, -1]].tolist()
     plane.draw_ends(ax, geometry, ends, modes, 5)
@@ -194,7 +200,7 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
     ax.set(xlabel="x [m]", ylabel="y [m]")
 
 
-def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
+def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
     """Draw where objects are first and last, and where each task is done."""
     trajectory, ends = plan.trajectory, plan.trajectory.samples.q[[0, -1]]
     object_figures.draw_ends(ax, trajectory)
@@ -217,7 +223,7 @@ def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
 
 def _draw_over_time(figure: SubFigure, plan: Plan) -> None:
     heights: tuple[float, ...] = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
-    stretch, each = timeline_figures.plan_stretch(plan), stages(plan.trajectory)
+    stretch, each = timeline_figures.plan_stretch(plan), stretches(plan.trajectory)
     levels = timeline_figures.label_levels(each, stretch)
     if each:
         heights = (0.15 + timeline_figures.LEVEL * (1 + max(levels)), *heights)
@@ -334,7 +340,7 @@ def _telling_times(plan: Plan) -> list[float]:
     Of a mission, start and end of each task.
     """
     end_s = plan.trajectory.duration_s
-    if each := stages(plan.trajectory):
+    if each := stretches(plan.trajectory):
         return sorted({0.0, *(stage.to_s for stage in each), end_s})
     edges = [0.0, *(t for phase in plan.phases for t in phase[1:]), end_s]
     return [t for t, before in zip(edges, [-np.inf, *edges], strict=False) if t - before > 1e-6]

@@ -31,7 +31,7 @@ ROBOT = Patch(fc=figures.UNIT_COLOUR, ec=figures.METAL_COLOUR)
 
 
 def line(colour: str, width: float = 1.5, style: str = "-") -> Line2D:
-    """What a legend shows for a line."""
+    """Legend handle of a line."""
     return Line2D([], [], c=colour, lw=width, ls=style)
 
 

@@ -1,4 +1,4 @@
-"""What a film shows: a plan or a run at regular places along a stretched time axis."""
+"""Playback of a plan or a run at regular places along a stretched time axis."""
 
 from __future__ import annotations
 
@@ -12,9 +12,16 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stage, stages
-from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
+from twosra_mpc.plans.stretches import Stretch, stretches
+from twosra_mpc.plans.trajectory import (
+    CHANGING,
+    SAME_TIME_S,
+    Interval,
+    Phase,
+    State,
+    state_at,
+    stiffness_intervals,
+)
 from twosra_mpc.plotting.object_figures import goals, targets
 from twosra_mpc.plotting.timeline_figures import TimeStretch
 from twosra_mpc.problem.problem import Problem
@@ -61,12 +68,12 @@ class Playback:
     temperature_C: Array
     melt_fraction: Array
     heated: NDArray[np.bool_]
-    stages: tuple[Stage, ...] = ()
+    stages: tuple[Stretch, ...] = ()
     objects: Array = field(default_factory=lambda: np.zeros((PLACES, 0, POSE)))
     targets: tuple[tuple[int, Array], ...] = ()
 
     def stage(self, row: int) -> str:
-        """Which task is worked on, in words; empty without a mission, and at its end."""
+        """Task that is worked on, in words; empty without a mission, and at its end."""
         time_s = self.time_s[row] + SAME_TIME_S
         for number, stage in enumerate(self.stages, start=1):
             if time_s < stage.to_s:
@@ -78,7 +85,7 @@ class Playback:
         return [state_at(each, self.time_s[row]) for each in self.intervals]
 
     def doing(self, row: int) -> str:
-        """What happens, in words: motion first, then what is waited for."""
+        """Activity in words: motion first, then what is waited for."""
         time_s = self.time_s[row] + SAME_TIME_S
         for phase in self.phases:
             if phase.start_s <= time_s < phase.end_s:
@@ -120,7 +127,7 @@ def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
         temperature_C=shown.temperature_C,
         melt_fraction=shown.melt_fraction,
         heated=shown.heater_current_A > 0.0,
-        stages=stages(trajectory),
+        stages=stretches(trajectory),
         objects=object_poses(trajectory, shown.t_s, shown.q),
         targets=tuple(targets(trajectory)),
     )

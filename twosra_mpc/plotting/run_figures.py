@@ -20,8 +20,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stiffness import Interval
-from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plans.trajectory import Interval, Phase
 from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
@@ -56,7 +55,7 @@ def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = Non
 
 
 def run_title(run: Run) -> str:
-    """How the run ended, in a line or two."""
+    """Ending of the run, in a line or two."""
     planned = run.plans[0].duration_s if run.plans else None
     against = "" if planned is None else f" (planned: {planned:z.0f} s)"
     again = f", planned again {times(run.replans)}" if run.replans else ""
@@ -66,7 +65,7 @@ def run_title(run: Run) -> str:
 
 
 def joined_drives(run: Run) -> list[Phase]:
-    """When the robot was driven, drives of one mode that follow each other closely joined."""
+    """Drives of the robot, those of one mode that follow each other closely joined."""
     joined: list[Phase] = []
     for drive in run.drives:
         before = joined[-1] if joined else None
@@ -129,7 +128,7 @@ def _draw_drive(ax: Axes, run: Run, record: Record, number: int, drive: Phase) -
 
 
 def _planned(run: Run, start_s: float, end_s: float) -> Array:
-    """Where the plan was from one time to another, wherever there was one."""
+    """Planned configurations from one time to another, wherever there was a plan."""
     time_s, planned = run.log.time_s, run.log.planned
     return planned[_within(time_s, start_s, end_s) & ~np.isnan(planned[:, 0])]
 

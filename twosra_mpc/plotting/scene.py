@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stiffness import soft_and_changing
+from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.labels import settle
 from twosra_mpc.plotting.object_figures import draw_contacts, draw_objects, draw_targets, outlines_m
@@ -120,7 +120,7 @@ class Scene:
         return [*drawn, *number_units(self._plane, geometry, q, 11)]
 
     def _trails(self, row: int) -> list[Artist]:
-        """Where the units' centres and the middle link have been."""
+        """Trails of the units' centres and of the middle link."""
         first, second = self._centres[: row + 1].transpose(1, 0, 2)
         link, artists = self._playback.q[: row + 1, :2], list[Artist]()
         colours = (*figures.UNIT_COLOURS, figures.MIDDLE_COLOUR)
@@ -129,7 +129,7 @@ class Scene:
         return artists
 
     def _nearest(self, row: int) -> list[Artist]:
-        """Where the robot came nearest to an obstacle, once it has."""
+        """Nearest point of the robot to an obstacle, once it has been there."""
         nearest = self._playback.nearest
         if nearest is None or self._playback.time_s[row] < nearest.at_s:
             return []
@@ -176,7 +176,7 @@ class Scene:
         return artists
 
     def _progress(self, row: int) -> list[Artist]:
-        """What is done, over time."""
+        """Progress over time."""
         playback, artists = self._playback, list[Artist]()
         done = playback.time_s[: row + 1]
         for j, warm in enumerate(playback.temperature_C.T):

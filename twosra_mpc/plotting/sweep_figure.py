@@ -1,4 +1,4 @@
-"""What a plan sweeps: the robot every few millimetres, among what is around it."""
+"""Sweep of a plan: the robot every few millimetres, among what is around it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.robot.coordinates import POSE, Array, composed
 from twosra_mpc.robot.modes import is_rigid
 
-_SIZE_IN = (7.0, 6.2)
+_SIZE_IN = (7.0, 6.2)  # of the figure
 _STEP_M = 0.006  # that some corner moves from one robot drawn to the next
 _LOOKED_AT = 400  # times of a phase
-_PALE = 0.16
+_PALE = 0.16  # opacity of one of many poses on top of each other
 
 
 @public

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stage
-from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plans.stretches import Stretch
+from twosra_mpc.plans.trajectory import Interval, Phase, stiffness_intervals
 from twosra_mpc.plotting.figures import (
     BESIDE,
     PLANNED_COLOUR,
@@ -71,7 +70,7 @@ class TimeStretch(NamedTuple):
 
     @property
     def even(self) -> bool:
-        """Whether nothing is stretched."""
+        """True if nothing is stretched."""
         return np.allclose(self.places, np.divide(self.knots_s, self.knots_s[-1]))
 
     def forward(self, t: Array) -> Array:
@@ -83,7 +82,7 @@ class TimeStretch(NamedTuple):
         return np.interp(place, self.places, self.knots_s)
 
     def seconds_per_length(self, time_s: float) -> float:
-        """How many seconds the whole axis would show at the scale it has at a time."""
+        """Length of the whole axis at the scale it has at a time [s]."""
         part = min(bisect_right(self.knots_s, time_s + 1e-9), len(self.knots_s) - 1) - 1
         shown = self.places[part + 1] - self.places[part]
         return (self.knots_s[part + 1] - self.knots_s[part]) / shown
@@ -175,7 +174,7 @@ def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: s
     return ax
 
 
-def label_levels(each: Sequence[Stage], stretch: TimeStretch) -> list[int]:
+def label_levels(each: Sequence[Stretch], stretch: TimeStretch) -> list[int]:
     """Level of the words of each stage, from 0, so that none lie over others or their lines."""
     levels: list[int] = []
     taken: list[tuple[float, float]] = []  # from where to where, the last stage first
@@ -188,12 +187,12 @@ def label_levels(each: Sequence[Stage], stretch: TimeStretch) -> list[int]:
     return levels[::-1]
 
 
-def stage_words(number: int, stage: Stage) -> str:
-    """What the time axis says of a stage, where it is done."""
+def stage_words(number: int, stage: Stretch) -> str:
+    """Words of the time axis for a stage, where it is done."""
     return f"{number} {stage.words}"
 
 
-def name_stages(ax: Axes, each: Sequence[Stage], levels: Sequence[int]) -> Axes:
+def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> Axes:
     """Write what is done when, on levels from below, each with a line down from its words."""
     for number, (stage, level) in enumerate(zip(each, levels, strict=True), start=1):
         ax.plot([stage.to_s] * 2, [-0.5, level + 0.75], **STAGE_LINE)
@@ -206,7 +205,7 @@ def name_stages(ax: Axes, each: Sequence[Stage], levels: Sequence[int]) -> Axes:
     return ax
 
 
-def mark_stages(axes: Sequence[Axes], each: Sequence[Stage]) -> None:
+def mark_stages(axes: Sequence[Axes], each: Sequence[Stretch]) -> None:
     """Draw a line on time axes wherever a stage is done."""
     for ax in axes:
         for stage in each:
@@ -220,7 +219,7 @@ def phase_duration(phase: Phase) -> str:
 
 
 def state_handles(*without: str) -> list[Patch]:
-    """What the colours of ``draw_timeline`` mean, for a legend."""
+    """Legend of the colours of ``draw_timeline``."""
     return [Patch(label=name, **look) for name, look in STATES.items() if name not in without]
 
 

@@ -1,4 +1,4 @@
-"""What is around the robot, drawn: obstacles, workspace, boxes to drive through, nearest points."""
+"""Surroundings, drawn: obstacles, workspace, boxes to drive through, nearest points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from twosra_mpc.robot.coordinates import Array
 
 _FAR_M = 100.0  # edges of what is free: out of every picture
 _NEAR, _LEAST_NEAR_M = 0.2, 0.05  # around a motion, in its size: obstacles there are shown
-_FLAT_M2 = 1e-9
+_FLAT_M2 = 1e-9  # a smaller polygon has no centroid but its corners' mean
 OBSTACLE: dict[str, Any] = {
     "fc": figures.OBSTACLE_COLOUR,
     "ec": figures.OBSTACLE_EDGE_COLOUR,
@@ -87,13 +87,13 @@ def draw_nearest(ax: Axes, nearest: Clearance | None) -> list[Artist]:
 
 
 def length(nearest: Clearance) -> str:
-    """How near, in words."""
+    """Distance in words."""
     by_mm = 1e3 * nearest.least_m
     return f"{by_mm:z.1f} mm" if by_mm > 0 else f"{-by_mm:z.1f} mm inside"
 
 
 def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any]:
-    """What a legend says about what is drawn; nothing where nothing is."""
+    """Legend of what is drawn; empty where nothing is."""
     entries: dict[str, Any] = {}
     if problem.obstacles:
         entries["obstacle"] = Patch(**OBSTACLE)

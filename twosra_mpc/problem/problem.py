@@ -28,6 +28,7 @@ from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
 from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.stages import Stage, stages_of
 from twosra_mpc.problem.tasks import Pass, Task, passes, task_problems
 from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
 from twosra_mpc.problem.workspace import Workspace
@@ -380,6 +381,10 @@ class Problem(Value):
         placed = zip(self.objects, poses, strict=True)
         there = [item.at(pose) for item, pose in placed if pose is not None]
         return self.world.with_values(obstacles=(*self.obstacles, *there))
+
+    def stages(self) -> tuple[Stage, ...]:
+        """What is asked in turn: a stage for each task, and one for the goal if there is one."""
+        return tuple(stages_of(self.tasks, self.goal, self.modes, self.start.holding))
 
     @property
     def is_mission(self) -> bool:

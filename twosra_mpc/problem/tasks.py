@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
@@ -13,10 +13,11 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import Goal, GoalSet
 from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.validation import (
     Metres,
     MetresPair,
@@ -30,41 +31,14 @@ from twosra_mpc.validation import (
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 
 
-At = TypeVar("At", contravariant=True)
-Made = TypeVar("Made", covariant=True)
 Kind = TypeVar("Kind", bound="Task")
-
-
-class Visitor(Protocol[At, Made]):
-    """Visitor of tasks: a planner, a check or a run says what each elementary one means to it.
-
-    Every method gets what was done so far, and returns what is made of the task.
-    """
-
-    def passed(self, task: Pass, at: At) -> Made:
-        """B0 drives through a box."""
-
-    def reached(self, goal: GoalSet, mode: Mode | None, at: At) -> Made:
-        """The robot comes to rest in a goal set, with a stiffness; None: any."""
-
-    def conformed(self, task: Conform, at: At) -> Made:
-        """Segments lie along a thing."""
-
-    def grasped(self, task: Grasp, at: At) -> Made:
-        """The robot closes around an object."""
-
-    def carried(self, task: Carry, at: At) -> Made:
-        """What is held is driven to a pose."""
-
-    def released(self, task: Release, at: At) -> Made:
-        """The robot opens and leaves what it held."""
 
 
 class Task(Tagged):
     """Something to do; ``do`` says what.
 
-    Nobody asks which kind of task one is: it says here what follows from it, and ``accept`` says
-    which of the `Visitor`'s elementary tasks it is. So a further kind is one class.
+    Nobody asks which kind of task one is: it says here what follows from it, and makes the `Stage`
+    that leads to its end. So a further kind is one class.
 
     Attributes:
         do: The kind of task, as files have it.
@@ -96,9 +70,13 @@ class Task(Tagged):
         del robot
         return self
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """Have a visitor make something of the task."""
-        raise NotImplementedError(f"{type(self).__name__}.accept")
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """The stage that leads to its end, alone; ``modes`` are those of the problem."""
+        raise NotImplementedError(f"{type(self).__name__}.stage")
+
+    def said(self, number: int) -> str:
+        """What it asks, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
+        return f"{self.do} {self.name or self.about or f'goal {number}'}"
 
     @property
     def about(self) -> str | None:
@@ -152,9 +130,13 @@ class Pass(Task):
         found: Array = inside
         return found
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """A box to pass."""
-        return visitor.passed(self, at)
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """Through the box, without a rest."""
+        return Stage(modes, through=self)
+
+    def said(self, number: int) -> str:
+        """What it asks, in words."""
+        return f"pass through {self.name or f'goal {number}'}"
 
 
 class Reach(Task):
@@ -189,9 +171,9 @@ class Reach(Task):
         """Return the task with its goal filled in for a robot."""
         return self.with_values(goal=self.goal.of_robot(robot))
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """A goal to come to rest in."""
-        return visitor.reached(self.goal, None if self.mode == "any" else self.goal.mode, at)
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """Until the robot is in the goal, soft or rigid as asked."""
+        return Stage(modes, None if self.mode == "any" else self.goal.mode, self.goal)
 
     @property
     def ends_in(self) -> GoalSet:
@@ -221,9 +203,13 @@ class Conform(Task):
     gap_m: Annotated[float, Field(gt=0.0)] = 0.001
     directions_rad: Pair = (-math.pi, math.pi)
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """Segments that lie along something."""
-        return visitor.conformed(self, at)
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """Until segments lie along the thing, rigid."""
+        return Stage(modes, rigid_mode(len(modes[0])), along=self)
+
+    def said(self, number: int) -> str:
+        """What it asks, in words."""
+        return f"conform to {self.name or self.object}"
 
 
 class Grasp(Task):
@@ -244,9 +230,9 @@ class Grasp(Task):
     hold: Literal["caged", "pushed"] = "caged"
     directions_rad: Pair = (-math.pi, math.pi)
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """A hold of an object."""
-        return visitor.grasped(self, at)
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """Until the object is in the rigid robot."""
+        return Stage(modes, rigid_mode(len(modes[0])), grasps=self)
 
 
 class Carry(Task):
@@ -262,9 +248,10 @@ class Carry(Task):
     position_tolerance_m: NonNegative = 0.0
     heading_tolerance_rad: NonNegative = 0.0
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """A pose to carry an object to."""
-        return visitor.carried(self, at)
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """With the object in the rigid robot, to where it is to be."""
+        rigid = rigid_mode(len(modes[0]))
+        return Stage((rigid,), rigid, carries=self)
 
 
 class Release(Task):
@@ -277,9 +264,9 @@ class Release(Task):
     do: Literal["release"] = "release"
     object: str
 
-    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
-        """An object to open around and to leave."""
-        return visitor.released(self, at)
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """Until the robot is open, soft or rigid."""
+        return Stage(modes, releases=self)
 
 
 def passes(tasks: Sequence[Task]) -> dict[int, Pass]:

@@ -54,6 +54,9 @@ n 2^-53 of their sizes, and a plan has less than 10^6 samples. It also is what a
 inputs may miss, and an allowance in m, rad and 1/m for positions that are added up."""
 FIT_TOLERANCE = 1e-5
 """Share by which fitted parameters of a path model may differ, by versions of the solver."""
+EFFORT_TOLERANCE = 5e-8
+"""Share by which an effort may differ from that of another quadrature, as older files have it:
+2e-8 is the most by which those of sixteen plans do."""
 QUADRATURE_TOLERANCE = 1e-4
 """Share by which energy and effort of a candidate may differ from those of its plan's samples."""
 COST_TOLERANCE_S, COST_TOLERANCE = 1e-4, 1e-6

@@ -10,9 +10,8 @@ import numpy as np
 
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import rows
-from twosra_mpc.plans.stages import stages
-from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
-from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.plans.stretches import stretches
+from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals
 from twosra_mpc.plotting import TimeStretch
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, soft_segments
@@ -75,7 +74,7 @@ class Thermometer(NamedTuple):
 
     @property
     def melting_words(self) -> str:
-        """What the threshold is called."""
+        """Name of the threshold."""
         if self.solid_C == self.liquid_C:
             return f"melts at {self.solid_C:zg} °C"
         return f"changes from {self.solid_C:zg} to {self.liquid_C:zg} °C"
@@ -94,7 +93,7 @@ def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
 
 
 def _tasks(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
-    for number, stage in enumerate(stages(plan.trajectory), start=1):
+    for number, stage in enumerate(stretches(plan.trajectory), start=1):
         title = f"{number}: {stage.words}, {_during(stage.from_s, stage.to_s)}"
         span = _span(stretch, stage.from_s, stage.to_s, "done", f"{number} {stage.words}", title)
         fits = len(span.label) + 1 < span.width  # else the number alone
@@ -118,7 +117,7 @@ def _stiffness(intervals: Sequence[Interval], segment: int, stretch: TimeStretch
 
 
 def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Span]:
-    """Where the heater is on: a span for each current, as high as that is."""
+    """Spans in which the heater is on, each as high as its current."""
     current, most = samples.heater_current_A[:, segment - 1], float(samples.heater_current_A.max())
     changes = [0, *(np.flatnonzero(np.diff(current)) + 1).tolist(), len(current) - 1]
     for first, last in pairwise(changes):

@@ -22,7 +22,7 @@ from twosra_mpc.plotting.world_figures import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 
-ARC_POINTS = 16
+ARC_POINTS = 16  # of an arc: chords miss it by less than a pixel
 _NAME_M = np.array([0.006, 0.016])  # from an object to its name, beside it and above it
 _MARGIN_MM, _ASPECT = 22.0, 1.5  # around the robot in the box that is shown, and of that box
 _SAME_S = 1e-6  # events closer than this are one
@@ -74,13 +74,13 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
 
 
 def _doing(playback: Playback, row: int) -> str:
-    """What happens, after the task that it is for."""
+    """Activity, after the task that it is for."""
     stage = playback.stage(row)
     return f"{stage}; {playback.doing(row)}" if stage else playback.doing(row)
 
 
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
-    """Where objects are, (objects, 3), and their names, and what of the robot at q touches them.
+    """Poses of objects, (objects, 3), their names, and what of the robot at q touches them.
 
     As SVG has it: transforms, places, and the data of one path [mm, y down].
     """
@@ -126,7 +126,7 @@ def mission(trajectory: Trajectory) -> dict[str, Any]:
 
 
 def film_length_s(plan: Plan) -> float:
-    """How long the film plays [s]: the true time where nothing is waited for, else as fits."""
+    """Length of the film [s]: the true time where nothing is waited for, else as fits."""
     if not plan.transitions:
         return float(np.clip(plan.moving_s, _SHORTEST_S, _LONGEST_S))
     return min(_LONGEST_S, _REST_S + _PHASE_S * len(plan.phases))
@@ -172,7 +172,7 @@ def filmed_box(
 def surroundings(
     problem: Problem, nearest: Clearance | None, box: tuple[float, float, float, float]
 ) -> dict[str, Any]:
-    """What is around the robot, as SVG ``points`` and places [mm, y down], seen in ``box``."""
+    """Surroundings of the robot, as SVG ``points`` and places [mm, y down], seen in ``box``."""
     left, top, width, height = box
     seen = np.array([(left, -top - height), (left + width, -top)]) / 1e3
     middles = {name: svg_points(np.array(at)) for name, at in names_m(problem, seen).items()}

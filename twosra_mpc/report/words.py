@@ -1,4 +1,4 @@
-"""What a page says: status, bound and verification, claiming no more than was proved.
+"""Words of a page: status, bound and verification, claiming no more than was proved.
 
 And what it takes to get the same plan again: the whole problem as TOML, versions, commands.
 """
@@ -20,7 +20,7 @@ from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import stages
+from twosra_mpc.plans.stretches import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
@@ -207,7 +207,7 @@ def task_rows(plan: Plan) -> list[TaskRow]:
     trajectory, rows = plan.trajectory, list[TaskRow]()
     held = "held since the start" if plan.problem.start.holding else _NONE
     taking = grasps(plan.problem.tasks)
-    for number, stage in enumerate(stages(trajectory)):
+    for number, stage in enumerate(stretches(trajectory)):
         words = _at(trajectory.configuration([stage.to_s])[0].tolist())
         if number in taking:
             held = _hold(plan.problem, taking[number])
@@ -225,7 +225,7 @@ def _at(q: list[float]) -> str:
 
 
 def _hold(problem: Problem, task: Grasp) -> str:
-    """What keeps an object where it is in the robot."""
+    """Hold that keeps an object where it is in the robot."""
     if task.hold == "caged":
         return "caged: proved, it cannot leave"
     (friction,) = (item.friction for item in problem.objects if item.name == task.object)

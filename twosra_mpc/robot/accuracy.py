@@ -1,4 +1,4 @@
-"""How near to its goal a run of a robot ends."""
+"""Accuracy with which runs of a robot end at their goals."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Accuracy(Value):
         return max(self.of_pose(error), self.of_shape(error))
 
     def surely(self, error: Array) -> bool:
-        """Whether the goal is reached even if the measured error (3 + n,) is a bit off."""
+        """True if the goal is reached even if the measured error (3 + n,) is a bit off."""
         return self.of_pose(error) <= POSE_SHARE and self.of_shape(error) <= SHAPE_SHARE
 
     def describe(self, error: Array) -> str:

@@ -23,11 +23,10 @@ from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
-from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
 from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.physics import Physics
-from twosra_mpc.robot.segment import AnySegment, Segment
+from twosra_mpc.robot.segment import AnySegment, Heater, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
@@ -37,7 +36,7 @@ _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvatur
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What the motion of a robot depends on, and nothing else: the key of compiled functions.
+    """Body: all that the motion of a robot depends on; the key of compiled functions.
 
     All robots that move alike have one (``one_body``): to look it up, nothing is compared.
     """
@@ -142,12 +141,12 @@ class Robot(Value):
 
     @cached_property
     def body(self) -> Body:
-        """What its motion depends on."""
+        """Body, on which its motion depends."""
         return one_body(self.geometry, self.path, self.limits)
 
     @property
     def ends_within(self) -> Accuracy:
-        """How near to their goals runs end: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
+        """Accuracy of runs at their goals: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
         return self.accuracy or Accuracy()
 
     @property
@@ -157,7 +156,7 @@ class Robot(Value):
 
     @cached_property
     def coordinates(self) -> Coordinates:
-        """Where the parts of a configuration of this robot are."""
+        """Coordinates of a configuration of this robot."""
         return Coordinates(self.geometry.segments)
 
     @property
@@ -171,7 +170,7 @@ class Robot(Value):
         return rigid_mode(self.geometry.segments)
 
     def thermal_segment(self, segment: int) -> Segment:
-        """How a segment (from 0) warms and cools.
+        """Thermal description of a segment (from 0).
 
         Raises:
             InputError: If the robot file has no ``[segment]``.
@@ -183,7 +182,7 @@ class Robot(Value):
 
     @property
     def describes_heat(self) -> bool:
-        """Whether its file says how segments warm and cool."""
+        """True if its file says how segments warm and cool."""
         return self.segment is not None or bool(self.segments)
 
     def weakened(self, cause: Literal["loss", "power"], share: float) -> Robot:

@@ -163,6 +163,6 @@ class MotionLimits(Value):
 
     @property
     def phase_s(self) -> float:
-        """What a phase that moves lasts at least; 0 for a robot whose wheels may jump."""
+        """Least duration of a phase that moves [s]; 0 for a robot whose wheels may jump."""
         jumps = self.wheel_acceleration_rad_s2 is None
         return 0.0 if jumps else _LEAST_PERIODS * (self.control_period_s or 0.0)

@@ -28,13 +28,24 @@ def rigid_mode(segments: int) -> Mode:
 
 
 def is_rigid(mode: Mode) -> bool:
-    """Whether every segment is solid."""
+    """True if every segment is solid."""
     return not any(mode)
 
 
 def soft_segments(mode: Mode) -> tuple[int, ...]:
-    """Which segments (from 0) are soft."""
+    """Soft segments (from 0)."""
     return tuple(j for j, soft in enumerate(mode) if soft)
+
+
+def soft_runs(sequence: Sequence[Mode]) -> list[list[int]]:
+    """The phases of each block of a sequence: runs of soft phases without a drive in between."""
+    grouped = itertools.groupby(range(len(sequence)), key=lambda i: is_rigid(sequence[i]))
+    return [list(run) for rigid, run in grouped if not rigid]
+
+
+def blocks_of(sequence: Sequence[Mode]) -> int:
+    """How many blocks a sequence has."""
+    return len(soft_runs(sequence))
 
 
 # The modes of the two-segment agent, for what knows no other robot: the paper and its greedy rule.

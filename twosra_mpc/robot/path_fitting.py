@@ -221,7 +221,7 @@ def _fit_spiral(case: Case, geometry: Geometry) -> SpiralFit:
     straight, growth, x, y = best.x.tolist()
     left, start = residual(best.x), SPIRAL_START_RAD[case]
     converged = bool(best.success) and straight > 0.0 and growth > 0.0
-    rms, largest = _checked(converged, f"spiral {case}", geometry, left, path)
+    rms, largest = _residuals_of_fit(converged, f"spiral {case}", geometry, left, path)
     scale = straight * float(np.exp(growth * start))
     return SpiralFit(scale, growth, (x, y), rms, largest, start)
 
@@ -254,7 +254,7 @@ def _fit_cardioid(case: Case, geometry: Geometry, alpha_max: float) -> CardioidF
     x = float(best.x)
     a, turn, left = _about_cusp(path, x)
     converged = bool(best.success) and low + 1e-6 < x < high - 1e-6 and a > 0.0
-    rms, largest = _checked(converged, f"cardioid {case}", geometry, left, path)
+    rms, largest = _residuals_of_fit(converged, f"cardioid {case}", geometry, left, path)
     slope, length = float(alpha @ turn / (alpha @ alpha)), geometry.lengths_m[0]
     return CardioidFit(a * length, slope, (x * length, 0.0), rms * length, largest * length)
 
@@ -267,7 +267,7 @@ def _about_cusp(path: Array, x: float) -> tuple[float, Array, Array]:
     return a, turn, radius - a * unit
 
 
-def _checked(
+def _residuals_of_fit(
     converged: bool, what: str, geometry: Geometry, left: Array, path: Array
 ) -> tuple[float, float]:
     """RMS and largest residual of a fit that converged to the curve meant and follows the path."""

@@ -12,7 +12,7 @@ from twosra_mpc.validation import Positive, Tagged, Triple
 
 
 class OfPath(Tagged):
-    """What every path model says of itself; the model is made from it by ``model.path_models``."""
+    """Record of a path model; the model is made from it by ``model.path_models``."""
 
     tag_key = "model"
     model: str
@@ -80,7 +80,7 @@ class CardioidPath(OfPath):
 
     @property
     def largest_bend_rad(self) -> float:
-        """Where the first of the cardioids comes within half a radian of its cusp."""
+        """Bend at which the first of the cardioids comes within half a radian of its cusp [rad]."""
         return (math.pi - 0.5) / max(self.phi_per_alpha)
 
 

@@ -22,7 +22,7 @@ _RANGES = {
 
 
 class Physics(Value):
-    """What kinematics need not know; nobody has measured any of it, so all defaults are guesses.
+    """Physics beyond kinematics; nobody has measured any of it, so all defaults are guesses.
 
     ``unit_mass_kg`` is that of a locomotion unit with its wheels. ``soft_stiffness_N_m2`` and
     ``solid_stiffness_N_m2`` are the bending stiffness EI of a segment with liquid and with solid

@@ -14,7 +14,7 @@ Kind = Literal["freeze", "melt"]
 
 
 class Timing(Tagged):
-    """What every set of transition times tells; its model is registered with ``timing.model_of``.
+    """Set of transition times; its model is registered with ``timing.model_of``.
 
     Times that come from the segments are checked by replaying the heater currents, and become
     slower as the segments do.

@@ -13,13 +13,14 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, wrapped
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.space.footprint import arcs, strips
 
 STATIONS = 72  # places around an outline at which the robot is laid on
 _POINTS = 65  # along a segment: chords miss an arc of 40 mm and 40 1/m by 2 um
-_THIN_M = 1e-9
-_CORE_M = 2e-5
+_THIN_M = 1e-9  # a line has some width: the rounding of metres
+_CORE_M = 2e-5  # overlaps are seen down to this depth
 _TOUCHES_M, _SPACING_M = 2e-5, 5e-4  # contacts: as near, and looked for as far apart
-_STRAIGHT, _SHARP_RAD = 1e-6, 0.2
+_STRAIGHT, _SHARP_RAD = 1e-6, 0.2  # sine to a side's normal; turn of a corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,7 @@ class Contour:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What moves with one segment of a robot: its arc, and the link or the unit beyond it.
+    """Parts that move with one segment of a robot: its arc, and the link or the unit beyond it.
 
     Attributes:
         solids: Links, units and wheels, (m, pieces, 4, 2) [m].
@@ -130,26 +131,16 @@ def parts(geometry: Geometry, q: Array, segment: int | None) -> Parts:
     shape, inner = robot_shape(geometry, q, 2), geometry.inner_link_of_b0
     link = inner if segment is None else segment + (segment >= inner)
     none = segment is None and geometry.half_link_m == 0 and inner > 0
-    solids = [_strips(shape.links[:, [] if none else [link]], geometry.fibre_radius_m)]
+    ends = shape.links[:, [] if none else [link]]
+    half_width = np.array(max(geometry.fibre_radius_m, _THIN_M))
+    solids = [strips(ends[..., 0, :], ends[..., 1, :], half_width)]
     for unit in {0: [0], geometry.segments: [1]}.get(link, []):
         solids += [shape.units[:, [unit]], shape.wheels[:, 2 * unit : 2 * unit + 2]]
-    arcs = np.zeros((len(q), 0, _POINTS, 2))
+    fibre = np.zeros((len(q), 0, _POINTS, 2))
     if segment is not None:
         bend = q[:, POSE + segment] * geometry.lengths_m[segment]
-        arcs = _arcs(shape.segments[:, segment], bend)[:, None]
-    return Parts(np.concatenate(solids, axis=1), arcs)
-
-
-def _arcs(ends: Array, bend_rad: Array) -> Array:
-    """Points along arcs between ends (m, 2, 2) that turn so far (m,), (m, points, 2)."""
-    chord, share = ends[:, 1] - ends[:, 0], np.linspace(0.0, 1.0, _POINTS)
-    half = bend_rad[:, None] / 2
-    length = share * np.sinc(half * share / np.pi) / np.sinc(half / np.pi)  # of chords to points
-    turn = half * (share - 1)  # from the chord of all to these
-    c, s = length * np.cos(turn), length * np.sin(turn)
-    x, y = chord[:, :1], chord[:, 1:]
-    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
-    return found
+        fibre = arcs(shape.segments[:, segment], bend, _POINTS)[:, None]
+    return Parts(np.concatenate(solids, axis=1), fibre)
 
 
 def apart_m(geometry: Geometry, contour: Contour, of: Parts) -> tuple[Array, Array]:
@@ -170,7 +161,7 @@ def farthest_m(geometry: Geometry, contour: Contour, q: Array, segment: int) -> 
 
 
 def wraps_rad(geometry: Geometry, contour: Contour, q: Array, side: int, touches_m: float) -> Array:
-    """How far normals of contacts turn along configurations (m, 3 + n) about a contour, (m,).
+    """Turns of the normals of contacts of configurations (m, 3 + n) about a contour, (m,).
 
     Args:
         geometry: Lengths of the robot.
@@ -204,16 +195,8 @@ def slimmer(boxes: Array) -> Array:
     return found
 
 
-def _strips(line: Array, radius_m: float) -> Array:
-    """Rectangles about lines (..., 2, 2), (..., 4, 2)."""
-    a, b = line[..., 0, :], line[..., 1, :]
-    along = (b - a) / np.maximum(np.linalg.norm(b - a, axis=-1, keepdims=True), _THIN_M)
-    across = max(radius_m, _THIN_M) * np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    return np.stack([a - across, b - across, b + across, a + across], axis=-2)
-
-
 def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Array]:
-    """Where a configuration (3 + n,) touches a contour, and normals into it, both (k, 2).
+    """Contacts of a configuration (3 + n,) with a contour, and normals into it, both (k, 2).
 
     Places on the outline at which a side or an arc of the robot is, and corners of the robot at
     sides of the outline. Corners at corners are left out: they have no normal.

@@ -36,7 +36,7 @@ _SIDES = 48  # of polygons that stand for discs that are touched: 0.2 % larger
 
 
 def eroded(thing: Obstacle, by_m: float) -> tuple[Obstacle, ...]:
-    """What is left of a thing that is smaller by so much all around [m]: none, one or several."""
+    """Erosion of a thing by so much all around [m]: none, one or several pieces."""
     if (disc := thing.disc) is not None:
         if (left := disc.radius_m - by_m) <= 0:
             return ()

@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # they import shapely
     from twosra_mpc.space.slices import FreeSlices
 
 HEADINGS = (72, 180, 360)  # slices, finer as needed
-_SPACING_M = 0.04
+_SPACING_M = 0.04  # of the roadmap's grid: about a unit's side
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _NOTHING = np.zeros((0, 4, 2))
@@ -43,7 +43,7 @@ _NOTHING = np.zeros((0, 4, 2))
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether a drive exists.
+    """Decision on the existence of a drive.
 
     Attributes:
         verdict: "certified": it does. "blocked": none does, proved. Else "undecided".
@@ -103,7 +103,7 @@ class Drives:
         return float(self.leg_times_s(poses[:-1], poses[1:]).sum())
 
     def clear_legs(self, start: Array, end: Array, lent_m: Array | float = 0.0) -> Bools:
-        """Which legs between poses (m, 3) are proved to keep the clearance, (m,).
+        """True for legs between poses (m, 3) that are proved to keep the clearance, (m,).
 
         They may keep less from each part of an obstacle, by what is lent to it, (parts,) [m].
         """
@@ -121,11 +121,11 @@ class Drives:
         return self.kept_m - np.clip(own_m, 0.0, self.kept_m)
 
     def certified(self, poses: Array) -> bool:
-        """Whether all legs of a drive (m, 3) are proved clear."""
+        """True if all legs of a drive (m, 3) are proved clear."""
         return bool(self._proof(poses[0])(poses[:-1], poses[1:]).all())
 
     def _proof(self, first: Array) -> Proof:
-        """Which legs are proved clear; those that start at a pose (3,) keep no more than it."""
+        """Proof of clear legs; those that start at a pose (3,) keep no more than it."""
         lent = self.lent_m(first)
 
         def proof(start: Array, end: Array) -> Bools:
@@ -193,7 +193,7 @@ class Drives:
         return poses[:: max(1, -(-len(poses) // most))]
 
     def apart(self, start: Array, goal: Array) -> Bools:
-        """Which of poses (a, 3) and (b, 3) are in different components of coarse F-, (a, b)."""
+        """True for poses (a, 3) and (b, 3) in different components of coarse F-, (a, b)."""
         slices = self.certified_slices(self.headings[0])
         known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
         here, there = (np.array([-1 if c is None else c for c in each]) for each in known)
@@ -208,7 +208,7 @@ class Drives:
     # Drives.
 
     def decide(self, start: Array, goal: Array) -> Decision:
-        """Whether a drive from start to goal (3,) exists; finer slices as needed."""
+        """Decision on a drive from start to goal (3,); finer slices as needed."""
         if self.clear_legs(start, goal, self.lent_m(start)).all():
             return Decision("certified", 0)
         for headings in self.headings:
@@ -284,7 +284,7 @@ class Drives:
         return list(nodes[near[joined]])
 
     def _blocked(self, headings: int, start: Array, goal: Array) -> bool:
-        """Whether F+ proves that no drive from start to goal exists."""
+        """True if F+ proves that no drive from start to goal exists."""
         from twosra_mpc.space.possible import apart
 
         slices = self.possible_slices(headings, self.separation.kept_from_m(start[None]))

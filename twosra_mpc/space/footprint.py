@@ -10,13 +10,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 
 SAGITTA_M = 5e-4  # by which chords may miss the arc they stand for
-_THIN_M = 1e-6
+_NO_LENGTH_M = 1e-9  # links without a length have some, in a direction of zero
+_THIN_M = 1e-6  # of inner pieces, that none is empty
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,41 +68,55 @@ def footprints(
     lengths = np.array(geometry.lengths_m)
     counts = np.ceil(lengths * np.sqrt(bent.max(axis=0) / (8 * sagitta_m))).astype(int)
     counts = np.maximum(counts, 1)
-    q = np.pad(kappa, ((0, 0), (POSE, 0)))
-    rigid = list(_rigid_pieces(geometry, q))
-    chords = [_chords(geometry, q, j, int(count)) for j, count in enumerate(counts)]
+    shape = robot_shape(geometry, np.pad(kappa, ((0, 0), (POSE, 0))), 2)
+    rigid = list(_rigid_pieces(geometry, shape))
+    chords = [_chords(geometry, shape, kappa, j, int(count)) for j, count in enumerate(counts)]
     return (
         np.concatenate([*rigid, *(outer for outer, _ in chords)], axis=1),
         np.concatenate([*rigid, *(inner for _, inner in chords)], axis=1),
     )
 
 
-def _rigid_pieces(geometry: Geometry, q: Array) -> Iterator[Array]:
+def _rigid_pieces(geometry: Geometry, shape: RobotShape) -> Iterator[Array]:
     """Units, wheels and links, each (m, pieces, 4, 2)."""
-    shape = robot_shape(geometry, q, 2)
     yield shape.units
     yield shape.wheels
     lengths = [geometry.end_link_m, *[geometry.middle_link_m] * (geometry.segments - 1)]
     there = [i for i, length in enumerate([*lengths, geometry.end_link_m]) if length > 0]
     if geometry.fibre_radius_m > 0:
         ends = shape.links[:, there]
-        yield _strips(ends[..., 0, :], ends[..., 1, :], np.array(geometry.fibre_radius_m), 0.0)
+        yield strips(ends[..., 0, :], ends[..., 1, :], np.array(geometry.fibre_radius_m))
 
 
-def _chords(geometry: Geometry, q: Array, segment: int, count: int) -> tuple[Array, Array]:
+def _chords(
+    geometry: Geometry, shape: RobotShape, kappa: Array, segment: int, count: int
+) -> tuple[Array, Array]:
     """Outer and inner pieces of a segment of ``count`` chords, both (m, count, 4, 2)."""
-    bent, ds = np.abs(q[:, POSE + segment, None]), geometry.lengths_m[segment] / count
-    points = robot_shape(geometry, q, count + 1).segments[:, segment]
+    length, signed = geometry.lengths_m[segment], kappa[:, segment]
+    bent, ds = np.abs(signed)[:, None], length / count
+    points = arcs(shape.segments[:, segment], signed * length, count + 1)
     radius, sagitta = geometry.fibre_radius_m, bent * ds**2 / 8
     longer = radius * np.sin(np.minimum(bent * ds / 2, math.pi / 2))
     a, b = points[:, :-1], points[:, 1:]
     within = np.maximum(radius - sagitta, _THIN_M)
-    return _strips(a, b, radius + sagitta, longer), _strips(a, b, within, 0.0)
+    return strips(a, b, radius + sagitta, longer), strips(a, b, within)
 
 
-def _strips(a: Array, b: Array, half_width: Array, longer: Array | float) -> Array:
+def arcs(ends: Array, bend_rad: Array, count: int) -> Array:
+    """Points along arcs between ends (m, 2, 2) that turn so far (m,), (m, count, 2)."""
+    chord, share = ends[:, 1] - ends[:, 0], np.linspace(0.0, 1.0, count)
+    half = bend_rad[:, None] / 2
+    length = share * np.sinc(half * share / np.pi) / np.sinc(half / np.pi)  # of chords to points
+    turn = half * (share - 1)  # from the chord of all to these
+    c, s = length * np.cos(turn), length * np.sin(turn)
+    x, y = chord[:, :1], chord[:, 1:]
+    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    return found
+
+
+def strips(a: Array, b: Array, half_width: Array, longer: Array | float = 0.0) -> Array:
     """Rectangles along a to b (..., 2), counter-clockwise, (..., 4, 2)."""
-    along = (b - a) / np.linalg.norm(b - a, axis=-1, keepdims=True)
+    along = (b - a) / np.maximum(np.linalg.norm(b - a, axis=-1, keepdims=True), _NO_LENGTH_M)
     across = half_width[..., None] * np.stack([-along[..., 1], along[..., 0]], axis=-1)
     further = np.asarray(longer)[..., None] * along
     a, b = a - further, b + further
@@ -110,7 +125,7 @@ def _strips(a: Array, b: Array, half_width: Array, longer: Array | float) -> Arr
 
 @lru_cache(maxsize=32)
 def reach_per_curvature_m2(geometry: Geometry) -> Array:
-    """How far bending a segment moves any point as seen from b0, per 1/m, (n,) [m2].
+    """Reach of bending a segment: largest motion of a point seen from b0, per 1/m, (n,) [m2].
 
     A point beyond segment j, at most d from its end as the fibre lies straight, travels at most
     l_j (l_j / 2 + d) per 1/m of kappa_j.
@@ -133,12 +148,12 @@ def reach_per_curvature_m2(geometry: Geometry) -> Array:
 
 
 def moved_by_bending_m(geometry: Geometry, change_per_m: ArrayLike) -> float:
-    """How far bending by ``change_per_m``, of all segments or of each (n,), moves any point [m]."""
+    """Largest motion of a point by bends ``change_per_m``, of all segments or each (n,) [m]."""
     left = geometry.inner_link_of_b0
     reach = reach_per_curvature_m2(geometry) * np.asarray(change_per_m)
     return float(max(reach[:left].sum(), reach[left:].sum()))
 
 
 def kept_m(world: World, geometry: Geometry) -> float:
-    """What outer pieces keep from obstacles: the clearance, and what curvatures may be off [m]."""
+    """Distance kept by outer pieces: the clearance, and what curvatures may be off [m]."""
     return world.clearance_m + moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)

@@ -14,7 +14,7 @@ from twosra_mpc.robot.coordinates import Array
 
 _EDGE = "the edge of the workspace"
 _THICK_M = 1e-3  # of what closes a gap
-_FAR_M = 1e3
+_FAR_M = 1e3  # edges of a workspace farther away are none
 
 
 class Gap(NamedTuple):

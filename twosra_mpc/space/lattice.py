@@ -76,7 +76,7 @@ def _sides(slices: FreeSlices) -> tuple[Array, Indices]:
 
 
 def _crossings(along: Array, across: Array, slice_of: Indices, shape: tuple[int, ...]) -> Indices:
-    """How many sides cross each line after a node and before the next one, (n, lines, nodes).
+    """Number of sides that cross each line between a node and the next one, (n, lines, nodes).
 
     What crosses before the first node counts as crossing after node -1, which comes last.
 
@@ -99,7 +99,7 @@ def _crossings(along: Array, across: Array, slice_of: Indices, shape: tuple[int,
 
 
 def _inside(crossings: Indices, axis: int) -> NDArray[np.bool_]:
-    """Whether an odd number of sides crosses before nodes; one less than of cells on the axis."""
+    """True where an odd number of sides crosses before nodes, one less than cells on the axis."""
     before = np.roll(crossings, 1, axis=axis).cumsum(axis=axis)
     odd: NDArray[np.bool_] = np.take(before, np.arange(before.shape[axis] - 1), axis=axis) % 2 == 1
     return odd

@@ -124,7 +124,7 @@ def reach(pieces: Array, angles: Array, half_turn_rad: float) -> Array:
 
 
 def kept_by_all(pieces: Array, half_turn_rad: float, grown_m: float) -> list[Array]:
-    """What rectangles hold however they are turned about b0 by up to a half turn, then grown.
+    """Cores that rectangles hold however they turn about b0 by up to a half turn, then grown.
 
     Turned by d, a point a gets n.a cos d + n'.a sin d in direction n, n' across. With T the most
     of |n'.a| in the rectangle this is at most b, its side there, if n.a <= b - T sin(half turn), or

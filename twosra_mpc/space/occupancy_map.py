@@ -156,7 +156,7 @@ def obstacles_on(
 
 
 def _without_specks(occupied: NDArray[np.bool_], least: float) -> tuple[NDArray[np.bool_], int]:
-    """What is occupied without places of fewer cells, and how many of these there are."""
+    """Occupied cells without places of fewer cells, and how many of these there are."""
     if least <= 1.0:
         return occupied, 0
     from scipy.ndimage import label
@@ -176,7 +176,7 @@ def _corners(occupied: NDArray[np.bool_]) -> int:
 
 
 def _pinched(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where two occupied cells share a corner alone, (rows - 1, columns - 1)."""
+    """True where two occupied cells share a corner alone, (rows - 1, columns - 1)."""
     lower, upper = occupied[:-1], occupied[1:]
     a, b, c, d = lower[:, :-1], lower[:, 1:], upper[:, :-1], upper[:, 1:]
     found: NDArray[np.bool_] = (a & d & ~b & ~c) | (b & c & ~a & ~d)
@@ -197,7 +197,7 @@ def _union(occupied: NDArray[np.bool_]) -> Any:
 
 
 def _fills(polygon: Any, tolerance: float) -> list[Any]:
-    """What lies between the outline of a polygon and straight lines beyond it."""
+    """Fillings between the outline of a polygon and straight lines beyond it."""
     import shapely
 
     inside = [shapely.Polygon(ring) for ring in polygon.interiors]

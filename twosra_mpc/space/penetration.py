@@ -1,4 +1,4 @@
-"""How deep a thing lies in convex pieces, and which is the shortest way out."""
+"""Penetration depth of a thing in convex pieces, and the shortest way out."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
 
 _LIMIT_SURFACE = 0.6  # of the radius of gyration of the friction, by the square root of area / pi
-_ROUNDING_M2 = 1e-18
+_ROUNDING_M2 = 1e-18  # the area of a nanometre squared
 
 
 class Contact(NamedTuple):
-    """Where a thing overlaps a piece.
+    """Overlap of a thing and a piece.
 
     Attributes:
         depth_m: How far it must be moved to be out.
@@ -60,7 +60,7 @@ class Thing:
         return [part @ turned + pose[:2] for part in self.parts]
 
     def deepest(self, pose: Array, pieces: Array) -> Contact | None:
-        """Where it lies deepest in pieces (p, k, 2), counter-clockwise; None where it does not."""
+        """Deepest contact with pieces (p, k, 2), counter-clockwise; None where there is none."""
         if self.disc_m is not None:
             found = _of_disc(pose[:2], self.disc_m, pieces)
         else:
@@ -124,7 +124,7 @@ def _of_part(part: Array, pieces: Array) -> Contact:
 
 
 def _within(points: Array, normals: Array, reach: Array) -> NDArray[np.bool_]:
-    """Whether points (m, 2) lie within any of the pieces with these sides."""
+    """True where points (m, 2) lie within any of the pieces with these sides."""
     within = (normals @ points.T <= reach[..., None] + 1e-9).all(axis=1)  # (p, k, m)
     found: NDArray[np.bool_] = np.any(within, axis=0)
     return found

@@ -13,21 +13,61 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.lattice import Lattice, lattice, triangles
 from twosra_mpc.space.screws import continued, times_at_speed_s, twists
-from twosra_mpc.space.slices import FreeSlices, Indices
+from twosra_mpc.space.slices import FreeSlices, Indices, components
 
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
 _FEW = 10_000  # edges whose times are found at once: 2 MiB on the way
+_BAND = 5.0  # mean times of an edge by which nodes that are gone on from at once may differ
 _NEAREST = 4  # by which the way to a pose is estimated
-_APART = 1e3  # times as far apart as the plane is wide are slices, where they are told apart
+
+
+class Graph:
+    """Nodes, and how long it takes along the edges between them, either way.
+
+    Args:
+        size: Number of nodes.
+        edges: Pairs of nodes, (E, 2).
+        times_s: Of each, more than zero, (E,) [s].
+    """
+
+    def __init__(self, size: int, edges: Indices, times_s: Array) -> None:
+        begin, end = np.concatenate([edges, edges[:, ::-1]]).T
+        order = np.argsort(begin, kind="stable")
+        self._begin, self._end = begin[order], end[order]
+        self._times_s = np.tile(times_s, 2)[order]
+        self._first = np.searchsorted(self._begin, np.arange(size + 1))
+        self._band_s = _BAND * float(times_s.mean()) if len(times_s) else 0.0
+
+    def least_times_s(self, nodes: Indices, times_s: Array) -> tuple[Array, Indices]:
+        """Least times to every node, infinite without a way, and the node before it, (size,) each.
+
+        Ways begin at ``nodes`` (k,), each at a time of its own, (k,). Where they begin,
+        -1 is the node before.
+        """
+        least = np.full(len(self._first) - 1, np.inf)
+        np.minimum.at(least, nodes, times_s)
+        waiting = np.isfinite(least)
+        while len(some := np.flatnonzero(waiting)):
+            now = some[least[some] <= least[some].min() + self._band_s]
+            waiting[now] = False
+            first, count = self._first[now], self._first[now + 1] - self._first[now]
+            edges = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+            ends, times = self._end[edges], np.repeat(least[now], count) + self._times_s[edges]
+            sooner = times < least[ends]
+            np.minimum.at(least, ends[sooner], times[sooner])
+            waiting[ends[sooner]] = True
+        before = np.full(len(least), -1)
+        ways = np.isfinite(least[self._begin])
+        ways &= least[self._begin] + self._times_s == least[self._end]
+        before[self._end[ways]] = self._begin[ways]
+        before[nodes[least[nodes] == times_s]] = -1
+        return least, before
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,26 +89,25 @@ class Roadmap:
     edges: Indices
 
     @cached_property
-    def graph(self) -> csr_array:
-        """Time of each edge at full speed [s], (N, N)."""
-        one, other = self.edges.T
+    def graph(self) -> Graph:
+        """Time of each edge at full speed [s]."""
         few = np.array_split(self.edges, 1 + len(self.edges) // _FEW)
         ends = (self.poses[each.T] for each in few)
         times = np.concatenate([times_at_speed_s(self.rows, twists(*each)) for each in ends])
-        size = len(self.poses)
-        return csr_array((times + 1e-9, (one, other)), shape=(size, size))
+        return Graph(len(self.poses), self.edges, times + 1e-9)
 
     @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self._told_apart(self.poses[:, :2], self.slice_of))
+    def _in_slices(self) -> list[Indices]:
+        order = np.argsort(self.slice_of, kind="stable")
+        return np.split(
+            order, np.searchsorted(self.slice_of[order], np.arange(1, self.slices.headings))
+        )
 
-    def _told_apart(self, positions: Array, slices: Indices) -> Array:
-        return np.column_stack([positions, _APART * slices])
-
-    def nearest(self, positions: Array, slices: Indices, count: int) -> Indices:
-        """The nodes nearest to positions (m, 2) in slices (m,), (m, count)."""
-        _, near = self._tree.query(self._told_apart(positions, slices), k=range(1, count + 1))
-        return np.asarray(np.minimum(near, len(self.poses) - 1))
+    def nearest(self, positions: Array, k: int, count: int) -> Indices:
+        """Up to ``count`` nodes of slice k that are nearest to positions (m, 2), (m, some)."""
+        nodes = self._in_slices[k]
+        apart_m = np.linalg.norm(positions[:, None] - self.poses[nodes, :2], axis=-1)
+        return nodes[np.argsort(apart_m, axis=1, kind="stable")[:, :count]]
 
     def links(self, pose: Array) -> tuple[Array, Indices, Array]:
         """Nodes that a pose (3,) gets to by a turn in place, then straight on.
@@ -90,15 +129,11 @@ class Roadmap:
 
     def _near(self, at: Array, k: int, part: int) -> Indices:
         """Nodes of a slice that are seen from a pose in a part, among them some of its triangle."""
-        count = min(_SEEN, len(self.poses))
-        _, near = self._tree.query(self._told_apart(at[None, :2], np.array([k]))[0], k=count)
-        nodes: Indices = np.atleast_1d(near)
-        nodes = nodes[self.slice_of[nodes] == k]
-        seen = nodes[self._sees(at, nodes, part)]
-        if len(seen):
-            return seen
-        every = np.flatnonzero(self.slice_of == k)
-        return every[self._sees(at, every, part)]
+        for nodes in self.nearest(at[None, :2], k, _SEEN)[0], self._in_slices[k]:
+            seen: Indices = nodes[self._sees(at, nodes, part)]
+            if len(seen):
+                break
+        return seen
 
     def _sees(self, at: Array, nodes: Indices, part: int) -> NDArray[np.bool_]:
         ends = np.broadcast_to(at[:2], (len(nodes), 2))
@@ -111,20 +146,8 @@ class Roadmap:
         if not len(nodes):
             return None
         charge(Cost.WAY, len(self.poses))
-        size = len(self.poses)
-        with_pose = csr_array(
-            (
-                np.concatenate([self.graph.data, times + 1e-9]),
-                np.concatenate([self.graph.indices, nodes]),
-                np.append(self.graph.indptr, self.graph.nnz + len(nodes)),
-            ),
-            shape=(size + 1, size + 1),
-        )
-        times_s, before = dijkstra(
-            with_pose, directed=False, indices=[size], return_predecessors=True
-        )
-        after_turn = dict(zip(nodes.tolist(), via, strict=True))
-        return Field(self, pose, after_turn, times_s[0, :-1], before[0])
+        times_s, before = self.graph.least_times_s(nodes, times + 1e-9)
+        return Field(self, pose, dict(zip(nodes.tolist(), via, strict=True)), times_s, before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +159,14 @@ class Field:
         pose: Where from, (3,).
         via: After the turn in place at the pose, by the node it is followed by.
         times_s: To each node at full speed, infinite where there is no road, (N,).
-        before: Node before each one, (N + 1,).
+        before: Node before each one, -1 for the pose, (N,).
     """
 
     roadmap: Roadmap
     pose: Array
     via: dict[int, Array]
     times_s: Array
-    before: NDArray[np.int32]
+    before: Indices
 
     def path(self, pose: Array) -> Array | None:
         """Poses of the fastest way to a pose, both ends included, (m, 3); None if there is none.
@@ -167,7 +190,7 @@ class Field:
             longer: How many times longer it may take.
         """
         poses, total = self.roadmap.poses, self.times_s + back.times_s
-        away, _ = cKDTree(path[:, :2]).query(poses[:, :2])
+        away = np.min([np.hypot(*(poses[:, :2] - at).T) for at in path[:, :2]], axis=0)
         total = np.where(away > apart_m, total, np.inf)
         node = int(total.argmin())
         if not total[node] <= longer * float((self.times_s + back.times_s).min()):
@@ -177,7 +200,7 @@ class Field:
     def _way(self, node: int) -> list[Array]:
         """Poses from this one to a node."""
         poses, last = [], node
-        while node < len(self.times_s):
+        while node >= 0:
             poses.append(self.roadmap.poses[node])
             last, node = node, int(self.before[node])
         return [self.pose, self.via[last], *poses[::-1]]
@@ -190,10 +213,12 @@ class Field:
         roads = self.roadmap
         turn = poses[:, 2] / (2 * np.pi) * roads.slices.headings
         slices = np.round(turn).astype(int) % roads.slices.headings
-        near = roads.nearest(roads.slices.within(poses[:, :2]), slices, _NEAREST)
-        legs = times_at_speed_s(roads.rows, twists(poses[:, None], roads.poses[near]))
-        same = roads.slice_of[near] == slices[:, None]
-        times = np.where(same, self.times_s[near] + legs, np.inf).min(axis=1)
+        times = np.full(len(poses), np.inf)
+        for k in np.unique(slices).tolist():
+            own = slices == k
+            near = roads.nearest(roads.slices.within(poses[own, :2]), k, _NEAREST)
+            legs = times_at_speed_s(roads.rows, twists(poses[own, None], roads.poses[near]))
+            times[own] = (self.times_s[near] + legs).min(axis=1, initial=np.inf)
         return np.where(np.isfinite(times), times, 0.0)
 
 
@@ -224,10 +249,8 @@ def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
 
 def _one_of_each(grid: Lattice) -> Indices:
     """A node of each set of grid nodes of one slice that moves connect."""
-    size, (one, other) = len(grid.poses), grid.moves.T
-    joined = csr_array((np.ones(len(one)), (one, other)), shape=(size, size))
-    _, label = connected_components(joined, directed=False)
-    return np.asarray(np.unique(label, return_index=True)[1], dtype=np.int64)
+    own = components(len(grid.poses), grid.moves)
+    return np.asarray(np.unique(own, return_index=True)[1], dtype=np.int64)
 
 
 def _in_both(slices: FreeSlices) -> tuple[Array, Indices]:

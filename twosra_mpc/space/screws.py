@@ -76,7 +76,7 @@ _LOOKED_AT_M = UNSEEN_M / 4  # of travel to the next pose that is looked at
 def clear_legs(
     clear: Clear, start: Array, twist: Array, radius_m: float, needed_m: Array | float
 ) -> NDArray[np.bool_]:
-    """Which legs are proved to keep a distance all the way, (m,).
+    """True for legs that are proved to keep a distance all the way, (m,).
 
     On a share w of a leg no point of the robot travels more than (|(s_u, s_v)| + radius |s_r|) w.
     So a pose that keeps d proves what is within (d - needed) / travel of it; one that just keeps

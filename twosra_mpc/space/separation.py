@@ -1,4 +1,4 @@
-r"""How far a footprint is from obstacles: separating axes of convex pieces, many poses at once.
+r"""Distances to obstacles: separating axes of convex pieces, many poses at once.
 
 For convex P and O and the outward normals n of the sides of either one,
 
@@ -6,20 +6,25 @@ For convex P and O and the outward normals n of the sides of either one,
 
 with n turned for the sides of P. Where P and O overlap this is minus the depth, which changes by at
 most as much as P is moved, as the distance itself does.
+
+`Proximity` has them for configurations of any shapes, obstacle by obstacle.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.tolerances import kept_from_m
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
-from twosra_mpc.space.footprint import Footprint
+from twosra_mpc.space.footprint import Footprint, footprints, reach_per_curvature_m2
 
 FAR_M = 0.25  # distances beyond this are not told apart
 _NEAR_M = 0.03  # pieces whose disc is nearer to the box around an obstacle are looked at closely
@@ -130,7 +135,7 @@ class Separation:
         return found
 
     def kept_from_m(self, poses: Array, off_m: float = 0.0) -> float:
-        """What drives that start at one of these poses (m, 3), or ``off_m`` from it, must keep."""
+        """Clearance of drives that start at one of these poses (m, 3), or ``off_m`` from it."""
         own_m = self.to_parts(poses) - off_m
         return float(kept_from_m(own_m, self.kept_m).min(initial=self.kept_m))
 
@@ -167,3 +172,64 @@ def _normals(corners: Array) -> tuple[Array, Array]:
 def _flat(rows: Array) -> Array:
     """Make one axis of poses and pieces, the last two."""
     return rows.reshape(*rows.shape[:-2], -1)
+
+
+EDGE = "the edge of the workspace"
+_TOGETHER = 256  # configurations looked at at once
+
+
+class Nearest(NamedTuple):
+    """Distance to an obstacle, or to the edge of the workspace, and its name."""
+
+    distance_m: float
+    name: str
+
+
+class Proximity:
+    """Lower bounds of distances to obstacles and edges, for configurations of any shapes."""
+
+    def __init__(self, world: World, geometry: Geometry, carried: Sequence[Array] = ()) -> None:
+        """Look at a world with the footprints of a robot, and of what it carries.
+
+        Args:
+            world: What is around it.
+            geometry: The robot's.
+            carried: Convex pieces that move with b0, in its frame, each (k, 2).
+        """
+        self.names, self._geometry = (*world.names, EDGE), geometry
+        self._carried = [piece[None] for piece in carried]
+        self._obstacles = Surroundings(world.with_values(workspace=None), 0.0)
+        self._edges = Surroundings(World(workspace=world.workspace), 0.0)
+
+    def distances(self, q: Array) -> Array:
+        """Distance of each configuration (m, 3 + n) to each obstacle and the edges, (m, k + 1) [m].
+
+        At most `FAR_M`; negative by the depth where they overlap.
+        """
+        batches = (q[i : i + _TOGETHER] for i in range(0, len(q), _TOGETHER))
+        return np.concatenate([np.zeros((0, len(self.names))), *map(self._distances, batches)])
+
+    def nearest(self, q: Array) -> Nearest:
+        """Nearest obstacle or edge of a configuration (3 + n,)."""
+        distances = self.distances(q[None])[0]
+        k = int(distances.argmin())
+        return Nearest(float(distances[k]), self.names[k])
+
+    def _distances(self, q: Array) -> Array:
+        outer, _ = footprints(self._geometry, q[:, POSE:])
+        found = self._of(placed(outer, q[:, :POSE]))
+        for piece in self._carried:
+            found = np.minimum(found, self._of(placed(piece, q[:, :POSE])))
+        return found
+
+    def _of(self, corners: Array) -> Array:
+        parts, owner = self._obstacles.to_parts(corners), self._obstacles.obstacle_of_part
+        owned = [parts[:, owner == i].min(axis=1) for i in range(len(self.names) - 1)]
+        return np.column_stack([*owned, self._edges.distances(corners)])
+
+
+def arms_m(geometry: Geometry) -> Array:
+    """Largest motion of the outline's points per unit of each coordinate of q, (3 + n,)."""
+    straight, _ = footprints(geometry, np.zeros((1, geometry.segments)))
+    radius_m = float(np.linalg.norm(straight, axis=-1).max())
+    return np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])

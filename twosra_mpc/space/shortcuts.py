@@ -17,9 +17,9 @@ Proof = Callable[[Array, Array], Bools]  # which of them are clear, (m,)
 _WINDOW = 20  # poses of which every pair is tried at once
 _STEPS = (0.04, 0.02, 0.01, 0.005)  # m, by which poses between legs are moved
 _PER_STEP_RAD = 5.0  # turns go with them, per metre
-_WORTH_S = 1e-3
+_WORTH_S = 1e-3  # a shorter way by less is rounding
 _TRIED = 4  # of the moves that save most
-_GUESSES = 16
+_GUESSES = 16  # poses tried between two legs, the quickest first
 _SIGNS = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 _MOVES = _SIGNS[_SIGNS.any(axis=1)] * np.array([1.0, 1.0, _PER_STEP_RAD])  # of poses, per metre
 
@@ -93,7 +93,7 @@ def _better(
 
 
 def _both_clear(before: Array, some: Array, after: Array, proof: Proof) -> Bools:
-    """Whether the leg to each pose and the one after it are clear, (m,)."""
+    """True where the leg to a pose and the one after it are clear, (m,)."""
     to, on = np.split(proof(np.concatenate([before, some]), np.concatenate([some, after])), 2)
     return to & on
 

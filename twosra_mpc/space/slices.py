@@ -1,4 +1,4 @@
-r"""What is free for one shape: slices of headings, in the plane exact.
+r"""Free space of one shape: slices of headings, in the plane exact.
 
 With headings :math:`I_k` within :math:`h = \pi / n` of :math:`\varphi_k`, for pieces :math:`A` of
 the footprint, convex parts :math:`O` of obstacles and :math:`-` for "turned by half a circle",
@@ -29,8 +29,6 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.tolerances import UNSEEN_M
@@ -52,11 +50,11 @@ from twosra_mpc.space.minkowski import (
 Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
-_ROUNDING_M = 1e-6
+_ROUNDING_M = 1e-6  # of GEOS, and to spare
 _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
-_GRID_M, _LOST_M2 = 1e-9, 1e-9
+_GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid
 AT_EDGE_M = 1e-6  # of a box
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
@@ -64,7 +62,7 @@ _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y
 
 @dataclass(frozen=True, eq=False)
 class FreeSlices:
-    """What is free for the b0 of one shape, in slices of headings.
+    """Free space for the b0 of one shape, in slices of headings.
 
     Attributes:
         headings: Number n of slices; slice k is of headings within pi / n of 2 pi k / n.
@@ -100,9 +98,7 @@ class FreeSlices:
     @cached_property
     def component_of(self) -> Indices:
         """Component of each part, (m,)."""
-        size, (one, other) = len(self.parts), self.neighbours.T
-        joined = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-        return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+        return components(len(self.parts), self.neighbours)
 
     def slices_of(self, heading_rad: float) -> tuple[int, ...]:
         """The slice that holds a heading; both on the border between two."""
@@ -120,7 +116,7 @@ class FreeSlices:
         return np.rint(turns).astype(np.int64) % self.headings
 
     def hold_leg(self, start: Array, end: Array) -> bool:
-        """Whether a leg between two poses (3,) is free that keeps its heading or turns in place."""
+        """True if a leg between two poses (3,) is free that keeps its heading or turns in place."""
         turn = float(wrapped(end[2] - start[2]))
         if abs(turn) > 1e-12 and np.abs(end[:2] - start[:2]).max() > 1e-12:
             return False
@@ -223,7 +219,7 @@ def _rectangles(pieces: Array) -> Array:
 
 
 def _extents(pieces: Array, half_turn_rad: float, headings: int) -> Array:
-    """How far pieces get from b0 at each heading, towards low x, low y, high x, high y, (n, 4)."""
+    """Extents of pieces from b0 at each heading, towards low x, low y, high x, high y, (n, 4)."""
     angles = (_AXES - _centres(headings)[:, None])[:, :, None]
     farthest: Array = reach(pieces, angles, half_turn_rad).max(axis=-1)
     return farthest
@@ -278,7 +274,7 @@ def _blocked(
 
 
 def _left_of(free: Geometries, blocked: Geometries) -> Geometries:
-    """What is left of boxes without what is blocked, (n,)."""
+    """Boxes without what is blocked, (n,)."""
     left = np.asarray(shapely.difference(free, blocked), dtype=object)
     covered = shapely.area(shapely.intersection(free, blocked))
     lost = np.abs(shapely.area(free) - shapely.area(left) - covered) > _LOST_M2
@@ -292,3 +288,16 @@ def box_around(pieces: list[Array], obstacles: list[Array]) -> Array:
     corners = np.concatenate(obstacles or [np.zeros((1, 2))])
     around = np.array([[-1.0], [1.0]]) * (far + _AROUND_M)
     return np.array([corners.min(axis=0), corners.max(axis=0)]) + around
+
+
+def components(size: int, edges: Indices) -> Indices:
+    """Component of each node of a graph with edges (E, 2), numbered from 0, (size,)."""
+    root = np.arange(size)
+    while True:
+        ends = root[edges]
+        ends = ends[ends[:, 0] != ends[:, 1]]
+        if not len(ends):
+            return np.unique(root, return_inverse=True)[1].ravel()
+        np.minimum.at(root, ends.max(axis=1), ends.min(axis=1))
+        while not np.array_equal(further := root[root], root):
+            root = further

@@ -1,4 +1,4 @@
-"""What the first melt of a segment and the freeze after it take at least, by when it is heated.
+"""Least times of a segment's first melt and the freeze after it, by when it is heated.
 
 Until its heater first goes on, h after t = 0, a solid segment follows a known course: it cools or
 warms to the air, or is kept warm from some temperature on. All that matters then is h: metal heated
@@ -35,12 +35,12 @@ from twosra_mpc.thermal.uncertainty import EXACT
 
 _LATEST_S, _FINEST_S = 1024.0, 1 / 16  # of h: one bound for all that is later; shortest interval
 _MOST_SPLITS = 1000  # of the intervals of one bound; nearly all take fewer than 500
-_FOR_EVER_S = 1e9
+_FOR_EVER_S = 1e9  # 30 years
 _ROUNDED = 128.0  # states are rounded down to such a share of their unit
 
 
 class _Span(NamedTuple):
-    """What is known of all heatings of one course that begin within an interval.
+    """Bounds on all heatings of one course that begin within an interval.
 
     Attributes:
         onset_s: Latest onset of the melt, its window included.
@@ -75,7 +75,7 @@ class FirstCycle:
 
     @cached_property
     def is_known(self) -> bool:
-        """Whether constants say it all: nothing stays warm, and windows are those of cold metal."""
+        """True if constants say it all: nothing stays warm, and windows are those of cold metal."""
         start = self.heating.model.initial(self.temperature_C)
         cold = self.temperature_C == self.heating.model.ambient_C
         return len(start) == 1 and (cold or self.heating.windows == EXACT)

@@ -1,4 +1,4 @@
-"""When to heat: a segment passes its onsets exactly when a schedule says.
+"""Heating plans: a segment passes its onsets exactly when a schedule says.
 
 Heat as late as the schedule allows: a solid segment loses all the sooner what it is given early, so
 among heatings that reach the plateau at the same time the late one, at full current, takes the
@@ -112,7 +112,7 @@ class TemperatureTrajectory:
         return self.pieces[max(0, bisect_right(self._starts, time_s) - 1)]
 
     def _numbers(self, t: Array) -> NDArray[np.intp]:
-        """Which piece each time is in."""
+        """Number of the piece that each time is in."""
         return np.maximum(np.searchsorted(self._starts, t, side="right") - 1, 0)
 
     def _since(self, piece: Piece, duration_s: Values) -> tuple[Values, ...]:
@@ -140,7 +140,7 @@ class SegmentTransition(NamedTuple):
 
 @dataclass(frozen=True)
 class HeatingPlan:
-    """How one segment is heated.
+    """Heating of one segment.
 
     Attributes:
         model: The segment model.
@@ -181,7 +181,7 @@ class HeatingPlan:
         return trajectory, made
 
     def solid_courses(self, temperature_C: float) -> tuple[TemperatureTrajectory, ...]:
-        """What a segment that is solid at t = 0 does until it is melted: one of these."""
+        """Courses of a segment that is solid at t = 0 until it is melted: one of these."""
         state = self.model.initial(temperature_C)
         passive = TemperatureTrajectory(self.model, self._from("rigid", 0.0, state))
         if self.keep_warm is None:

@@ -1,4 +1,4 @@
-"""What no heating of a segment can undercut, whatever happened to it before.
+"""Least times that no heating of a segment can undercut, whatever happened to it before.
 
 The proofs rest on comparison: of two states of a segment, the one that is nowhere colder stays
 nowhere colder under equal current, so it reaches a warmer level no later, and a colder one no
@@ -33,7 +33,7 @@ from twosra_mpc.thermal.first_cycle import FirstCycle
 from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.model import SegmentModel, State
 
-_FOR_EVER_S = 1e9
+_FOR_EVER_S = 1e9  # 30 years
 
 
 @dataclass(frozen=True)

@@ -223,7 +223,7 @@ class Lumped:
 
 
 class _Regime(NamedTuple):
-    """How H moves at constant current until it runs into an edge: C dT/dt = A - b (T - T_a).
+    """Motion of H at constant current until it runs into an edge: C dT/dt = A - b (T - T_a).
 
     Attributes:
         rate_W: Heater power less loss where H is now.

@@ -49,7 +49,7 @@ class SegmentModel(Protocol):
         """State of a segment that has this temperature throughout."""
 
     def level(self, state: tuple[Values, ...]) -> Values:
-        """What rises and falls through the thresholds, in the model's own unit."""
+        """Quantity that rises and falls through the thresholds, in the model's own unit."""
 
     def level_at(self, temperature_C: float) -> float:
         """Level at a temperature; where the metal melts, of the solid."""
@@ -163,7 +163,7 @@ def reference_times(
     return ReferenceTimes(lead, melt, coasting, freeze)
 
 
-_EXACT_S, _UNIT = 1e-12, 2.0**-52
+_EXACT_S, _UNIT = 1e-12, 2.0**-52  # absolute, and the rounding of a float
 
 
 Point = tuple[float, float]  # time [s] and value

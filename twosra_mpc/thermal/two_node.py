@@ -76,7 +76,7 @@ class TwoNode:
         return state[0]
 
     def melt_fraction(self, state: tuple[Values, ...]) -> Values:
-        """How far between the two thresholds the core is, from 0 (solid) to 1 (liquid)."""
+        """Melt fraction of the core, between the two thresholds, from 0 (solid) to 1 (liquid)."""
         share = (state[0] - self.solid_level) / (self.liquid_level - self.solid_level)
         if isinstance(share, np.ndarray):
             return np.clip(share, 0.0, 1.0)

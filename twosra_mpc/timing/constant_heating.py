@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.heater import Heater
+from twosra_mpc.robot.segment import Heater
 from twosra_mpc.timing.transitions import SegmentHeating, Transition
 
 Knot = tuple[float, float]  # time [s], temperature [C]

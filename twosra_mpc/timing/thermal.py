@@ -27,7 +27,7 @@ from twosra_mpc.timing.thermal_start import ThermalStart, thermal_start
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
 KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
-_SETTLED_S = 1e-9
+_SETTLED_S = 1e-9  # rounding of sums of times
 
 Onsets = tuple[tuple[Stiffness, float], ...]
 Heated = tuple[TemperatureTrajectory, list[SegmentTransition]]

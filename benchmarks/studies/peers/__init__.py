@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_all_start_methods, get_context
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -127,12 +127,8 @@ def isolated(limit_s: float, function: Callable[..., PlanRecord], *args: Any) ->
     Raises:
         BrokenProcessPool: If the process crashed, or was ended after ``limit_s`` of wall time.
     """
-    # A fork of this process would inherit HiGHS' scheduler without its threads; where there can be
-    # a server that has imported all and run nothing, its forks start at once.
-    served = "forkserver" in get_all_start_methods()
-    context = get_context("forkserver" if served else "spawn")
-    if served:
-        context.set_forkserver_preload([__name__])
+    # A fork of this process would inherit HiGHS' scheduler without its threads.
+    context = get_context("spawn")
     with ProcessPoolExecutor(1, context, initializer=_begin, initargs=(limit_s,)) as pool:
         return pool.submit(function, *args).result()
 

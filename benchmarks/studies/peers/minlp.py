@@ -31,7 +31,7 @@ from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Program
 from benchmarks.study import Count
 from twosra_mpc import Problem
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
+from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.validation import Positive, Value
 
 _REGULARISATION = 1e-2  # s per squared scaled displacement; speeds the relaxations up

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from benchmarks.studies.peers import motions
 from twosra_mpc import Problem, Robot
 from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.planning.nlp.multiple_shooting import state_scale
-from twosra_mpc.planning.nlp.terminal_correction import available_inputs
+from twosra_mpc.planning.solver.multiple_shooting import state_scale
+from twosra_mpc.planning.solver.terminal_correction import available_inputs
 from twosra_mpc.problem import limits
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.studies.tracker_step import solvers
-from benchmarks.studies.tracker_step.solvers import Array, Clock, Recorded
+from benchmarks.studies.tracker_step.nonlinear import Array, Asked, converged
 from twosra_mpc import Plan
 from twosra_mpc.execution.tracking.linearisation import tracking_program
 from twosra_mpc.execution.tracking.prediction import stage_model
@@ -28,14 +27,14 @@ LARGEST = np.array([0.05, 0.05, 0.5, 20.0, 20.0])  # more counts as this
 AT_LIMIT = 0.95  # of the curvature limit, to all of it
 
 
-def first_speeds(setup: Setup, step: Recorded, deviation: Array) -> Array:
+def first_speeds(setup: Setup, asked: Asked, deviation: Array) -> Array:
     """Speeds of the first period over their limits, if e_1 is as given."""
-    change = step.reference[1] + setup.scale * deviation - setup.outputs.selection @ step.q
-    q = step.q.copy()
+    change = asked.reference[1] + setup.scale * deviation - setup.outputs.selection @ asked.q
+    q = asked.q.copy()
     if is_rigid(setup.mode):
         q[:POSE] += change / 2
     else:
-        bending = stage_model(setup).bending(step.q).full()
+        bending = stage_model(setup).bending(asked.q).full()
         q[list(setup.outputs.bending)] += bending @ change / 2
     speeds: Array = stage_model(setup).speeds(q, change)[0].full().ravel()
     return speeds
@@ -47,26 +46,28 @@ def disagreements(of: Plan, phase: int, setup: Setup, states: int) -> list[float
     NaN where the tracker has no command or IPOPT no solution.
     """
     program = ProgramInPlace(tracking_program(setup), SolverSettings())
-    converged = solvers.ipopt(setup, tolerance=1e-10)
-    found = []
-    for step in scattered(of, phase, setup, states):
+    best, found = converged(setup), []
+    for asked in scattered(of, phase, setup, states):
         program.forget()
-        program.measured[:], program.wheels[:] = step.q, step.wheels
-        program.reference[:] = step.reference
-        solved, best = program.solve() is Quality.CONVERGED, converged(step, Clock())
-        first = program.quadratic_program().x[: setup.outputs.count]
-        apart = np.subtract(*(first_speeds(setup, step, e) for e in (first, best.first)))
-        found.append(float(np.abs(apart).max()) / 2 if solved and best.success else np.nan)
+        program.measured[:], program.wheels[:] = asked.q, asked.wheels
+        program.reference[:] = asked.reference
+        solved, first = program.solve() is Quality.CONVERGED, best(asked)
+        if not solved or first is None:
+            found.append(np.nan)
+            continue
+        ours = program.quadratic_program().x[: setup.outputs.count]
+        apart = np.subtract(*(first_speeds(setup, asked, e) for e in (ours, first)))
+        found.append(float(np.abs(apart).max()) / 2)
     return found
 
 
-def scattered(of: Plan, phase: int, setup: Setup, states: int) -> Iterator[Recorded]:
+def scattered(of: Plan, phase: int, setup: Setup, states: int) -> Iterator[Asked]:
     """Yield random states: of each four a noisy, a pushed, a lost one, one at the curvature limit.
 
     The units move as in the plan, or rest.
     """
     path, samples, rng = of.phases[phase], of.samples, np.random.default_rng(5)
-    outputs, none = setup.outputs.selection, np.zeros(setup.variables)
+    outputs = setup.outputs.selection
     reference = PhaseReference(of.trajectory, path, outputs, setup.horizon, setup.period_s)
     limit, size = setup.body.limits.curvature_per_m, setup.coordinates.size
     for i in range(states):
@@ -80,4 +81,4 @@ def scattered(of: Plan, phase: int, setup: Setup, states: int) -> Iterator[Recor
         reference.write(time_s, asked)
         v = samples.v[np.searchsorted(samples.t_s, time_s)] * rng.integers(2)
         wheels = kinematics(setup.body).wheel_matrix(q, setup.mode).full() @ v
-        yield Recorded(True, time_s, q, asked, none, wheels, program=None)
+        yield Asked(q, asked, wheels)

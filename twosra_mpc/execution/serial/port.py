@@ -1,4 +1,4 @@
-r"""The serial line to the robot, and the lines of the firmware: 115200 baud, 8N1, ASCII.
+r"""Serial line to the robot: lines of the firmware (115200 baud, 8N1, ASCII), and their clock.
 
 A command is the letter ``s`` and then numbers, each ended by a newline:
 
@@ -12,11 +12,14 @@ A report is one line with the raw reading of a segment's thermistor in degrees C
 follow-up robot sends them unasked: ``A58.2`` for segment 1, ``B24.9`` for segment 2. The firmware
 of the first robot is not published, and its controller reads nothing back. Robots of one, three or
 four segments are none that were built: for them the same is written on, ``C`` and ``D``.
+
+Time is the computer's own, or a clock that only the stream itself moves.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -29,6 +32,49 @@ from twosra_mpc.robot.modes import Mode, rigid_mode
 
 if TYPE_CHECKING:
     from serial import Serial
+
+
+class Clock(Protocol):
+    """A clock that can be waited on; times in s from its start."""
+
+    def now_s(self) -> float:
+        """Time since the start."""
+
+    def sleep(self, duration_s: float) -> None:
+        """Let so much time pass."""
+
+
+class SystemClock:
+    """The computer's monotonic clock."""
+
+    def __init__(self) -> None:
+        """Start it."""
+        self._start_s = time.monotonic()
+
+    def now_s(self) -> float:
+        """Time since the start."""
+        return time.monotonic() - self._start_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Let so much time pass."""
+        time.sleep(duration_s)
+
+
+class SteppedClock:
+    """A clock on which waiting takes no time, for trying a stream out."""
+
+    def __init__(self) -> None:
+        """Start it."""
+        self._now_s = 0.0
+
+    def now_s(self) -> float:
+        """Time since the start."""
+        return self._now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Move on by so much."""
+        self._now_s += duration_s
+
 
 BAUD = 115200
 HIGHEST_RATE_HZ = 200.0  # 45 to 49 bytes a command are 80 to 85 % of what the line carries

@@ -20,9 +20,9 @@ import numpy as np
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
-from twosra_mpc.execution.serial.clock import Clock
 from twosra_mpc.execution.serial.port import (
     HIGHEST_RATE_HZ,
+    Clock,
     Port,
     PortError,
     command,

@@ -21,8 +21,7 @@ from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending, Executed, Run, Verdict
 from twosra_mpc.execution.run_log import RunFile
 from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
-from twosra_mpc.execution.serial.clock import Clock, SteppedClock
-from twosra_mpc.execution.serial.port import Port
+from twosra_mpc.execution.serial.port import Clock, Port, SteppedClock
 from twosra_mpc.execution.serial.pose_lines import PoseLines
 from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected, while_standing
 from twosra_mpc.execution.session import Session

@@ -23,8 +23,7 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import footprints
 from twosra_mpc.space.penetration import Contact, Thing
-from twosra_mpc.space.proximity import arms_m
-from twosra_mpc.space.separation import placed
+from twosra_mpc.space.separation import arms_m, placed
 
 _Touch = tuple[int, Contact, int | str | None]
 

@@ -54,7 +54,7 @@ def closest_approach(world: World, geometry: Geometry, truth: Truth) -> Approach
     """How near to obstacles a robot of this geometry really came; None where there are none."""
     if not world.obstacles:
         return None
-    from twosra_mpc.space.proximity import Proximity, arms_m
+    from twosra_mpc.space.separation import Proximity, arms_m
 
     time_s, q = _finely(arms_m(geometry), truth)
     distances_m = Proximity(world, geometry).distances(q)[:, :-1]

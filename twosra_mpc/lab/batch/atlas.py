@@ -1,4 +1,4 @@
-"""What a batch of plans says: sequences, durations, what was saved, what a change is worth."""
+"""Summary of a batch of plans: sequences, durations, savings, what a change is worth."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Spread(NamedTuple):
 
 
 class Worth(NamedTuple):
-    """What a change is worth: seconds of a plan's duration that it saves.
+    """Worth of a change: seconds of a plan's duration that it saves.
 
     Attributes:
         change: A second less of each freeze or melt, or one more of a varied key.
@@ -130,7 +130,7 @@ def search_gaps(made: DataFrame) -> Series[float]:
 
 
 def has_greedy(runs: DataFrame) -> bool:
-    """Whether the greedy rule's plans stand beside ours."""
+    """True if the greedy rule's plans stand beside ours."""
     return "greedy_duration_s" in runs
 
 

@@ -1,4 +1,4 @@
-"""What a worker does: plan a few problems, and say of each what it came to as a row."""
+"""Chunk of a worker's work: plans of a few problems, each as a row."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Row = dict[str, Any]
 
 
 class Asked(NamedTuple):
-    """What is asked for of every problem, and by which version of the package."""
+    """Request for every problem, and the version of the package that makes it."""
 
     planner: Planner
     plans: bool
@@ -31,7 +31,7 @@ class Asked(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """What a few problems came to.
+    """Results of a few problems.
 
     Attributes:
         rows: A row each.
@@ -65,7 +65,7 @@ def plan_chunk(posed: Sequence[Posed], asked: Asked) -> Chunk:
 
 
 def failed(posed: Posed, asked: Asked, message: str) -> Chunk:
-    """What a problem came to that could not be planned at all."""
+    """Row of a problem that could not be planned at all."""
     told = {"status": "failed", "message": message, "sequence": "", "verified": False}
     row = {"problem": posed.number, **posed.varied}
     for _, prefix in _planners(asked.planner):

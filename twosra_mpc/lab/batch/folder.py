@@ -55,7 +55,7 @@ class Folder:
         write_text(path / _SPEC, spec)
 
     def done(self) -> NDArray[np.bool_]:
-        """Whether each problem is finished, (n,): read from the disk, whatever was interrupted."""
+        """True where a problem is finished, (n,): read from the disk, whatever was interrupted."""
         done = np.zeros(len(self._problems), dtype=bool)
         for part in table_paths(self.path):
             done[problems_in(part)] = True

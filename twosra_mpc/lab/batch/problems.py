@@ -29,7 +29,7 @@ class Posed(NamedTuple):
 
 
 class Problems:
-    """What a spec comes to. All files are read at once: later changes of them do nothing.
+    """Problems of a spec. All files are read at once: later changes of them do nothing.
 
     Attributes:
         spec: The spec.

@@ -1,4 +1,4 @@
-"""What a batch should plan, as a TOML file says it."""
+"""Specification of a batch, as a TOML file says it."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _by_dotted_key(given: object) -> object:
 
 
 class Spec(Value):
-    """What to plan: scenarios or random problems, and a grid over keys of their files.
+    """Batch to plan: scenarios or random problems, and a grid over keys of their files.
 
     Attributes:
         scenario: One scenario, a file or a built-in name; or

@@ -91,7 +91,7 @@ def _planned(
     if done.all():
         return
     from twosra_mpc.lab.batch.chunk import Asked
-    from twosra_mpc.lab.batch.engine import cluster_at, local_cluster, planned
+    from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
 
     asked = Asked(problems.spec.planner, problems.spec.plans)
     with (

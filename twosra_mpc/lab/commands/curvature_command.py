@@ -14,10 +14,14 @@ from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_opti
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.photographs.picture import Camera
-from twosra_mpc.lab.photographs.references import Deviation, deviation
-from twosra_mpc.lab.photographs.study import Estimate, estimate_folder, save_estimates
+from twosra_mpc.lab.photographs.study import (
+    ESTIMATORS,
+    Estimate,
+    deviations,
+    estimate_folder,
+    save_estimates,
+)
 
-_ESTIMATORS = {"published": "published_per_m", "arc": "arc_per_m"}
 _BANDS = (0, 10, 20, 35, 50, math.inf)  # |reference| [1/m]
 
 
@@ -122,22 +126,6 @@ def _draw(
                 plot_curvature([each], camera, figures / name)
 
 
-def _deviations(found: list[list[Estimate]]) -> dict[str, Deviation]:
-    """Deviations of both estimators, from references on the whole."""
-    return {
-        name: deviation(
-            [
-                (
-                    np.array([getattr(each, field) for each in one]),
-                    np.array([each.reference_per_m for each in one]),
-                )
-                for one in found
-            ]
-        )
-        for name, field in _ESTIMATORS.items()
-    }
-
-
 def _summary(every: list[Estimate]) -> dict[str, Any]:
     measured = [each.measured for each in every if each.measured is not None]
     spread = np.array([each.published.spread_per_m for each in measured])
@@ -158,7 +146,7 @@ def _document(found: list[list[Estimate]]) -> dict[str, Any]:
     every = [each for one in found for each in one]
     return {
         **_summary(every),
-        "deviations": {name: each._asdict() for name, each in _deviations(found).items()},
+        "deviations": {name: each._asdict() for name, each in deviations(found).items()},
         "estimates": [
             {
                 "picture": str(each.path),
@@ -182,7 +170,7 @@ def _print(found: list[list[Estimate]]) -> None:
     if refused:
         print_table(("refused picture", "allowed"), refused)
     if any(math.isfinite(each.reference_per_m) for each in every):
-        _print_deviations(found, every)
+        _printdeviations(found, every)
     else:
         rows = [
             (each.path.name, _digits(each.published_per_m), _digits(each.arc_per_m), _error(each))
@@ -199,10 +187,10 @@ def _print(found: list[list[Estimate]]) -> None:
     )
 
 
-def _print_deviations(found: list[list[Estimate]], every: list[Estimate]) -> None:
+def _printdeviations(found: list[list[Estimate]], every: list[Estimate]) -> None:
     rows = []
-    for name, off in _deviations(found).items():
-        bands = [_mean_square(every, _ESTIMATORS[name], *band) for band in _pairs()]
+    for name, off in deviations(found).items():
+        bands = [_mean_square(every, ESTIMATORS[name], *band) for band in _pairs()]
         of_cycles = f"{off.cycle_mse_per_m2:z.2f} ({off.cycles})" if off.cycles else "-"
         each = (f"{off.pictures}", f"{off.mse_per_m2:z.2f}", f"{off.slope:z.3f}")
         rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))

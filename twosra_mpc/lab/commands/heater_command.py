@@ -12,8 +12,9 @@ from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.control import thermistor
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.identification.heater_loop import (
+from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,
+    LinearMap,
     Stretch,
     save_run,
     simulate_heater,
@@ -24,7 +25,7 @@ from twosra_mpc.robot.modes import Stiffness
 
 _SENSORS: dict[str, thermistor.Characteristic] = {
     "ntc": thermistor.NtcDivider(),
-    "linear": thermistor.LinearMap(),
+    "linear": LinearMap(),
 }
 
 

@@ -60,7 +60,7 @@ CENTRE: dict[str, Any] = {"ls": "", "marker": "+", "ms": 7.0, "mew": 1.6, "zorde
 
 @dataclass(frozen=True, eq=False)
 class PathCurves:
-    """What a figure of one case shows, in units of l, for bends from straight towards +y.
+    """Curves of one case, in units of l, for bends from straight towards +y.
 
     Attributes:
         case: I, II or III.

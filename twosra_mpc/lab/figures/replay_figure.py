@@ -53,7 +53,7 @@ def plot_replay(
 
 
 def _draw_ends(ax: Axes, robot: Robot, phase: PhaseReplay) -> None:
-    """Where the robot was, has come to, and should have come to, as bent or by the commands."""
+    """Draw the robot as it was, has come to, and should have come to, as bent or commanded."""
     plane.draw_ends(ax, robot.geometry, phase.measured[[0, -1]], [phase.mode] * 2, 3.0)
     predicted = phase.predicted if phase.as_bent is None else phase.as_bent
     plane.draw_outline(ax, robot.geometry, predicted[-1])

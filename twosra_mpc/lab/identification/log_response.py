@@ -1,4 +1,4 @@
-r"""What a model makes of a log: heater by the firmware's law, segment, sensor.
+r"""Response of a model to a log: heater by the firmware's law, segment, sensor.
 
 While heating, the firmware gives :math:`v = \mathrm{clip}(v_0 + K_p (54 - y), 0, 1)` of full power
 at reading y, which is the model's own, never the measured one; while cooling, nothing. In both the
@@ -132,7 +132,7 @@ class SensorLag:
 
 
 class Response(NamedTuple):
-    """What a model makes of a log, at its n points; temperatures [C].
+    """Response of a model to a log, at its n points; temperatures [C].
 
     Attributes:
         core_C: Core, (n,).

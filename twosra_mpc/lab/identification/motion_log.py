@@ -64,7 +64,7 @@ class MotionLog:
 
     @property
     def by_wheels(self) -> bool:
-        """Whether wheel speeds are known, not inputs."""
+        """True if wheel speeds are known, not inputs."""
         return bool(self.commands.shape[1] == WHEELS)
 
     @property
@@ -130,7 +130,7 @@ def _read(
         q[:, 2] = np.unwrap(q[:, 2])
         return _with_phases(MotionLog(source, time_s, q, bits.astype(int), v))
     speeds, driven = _what_was_driven(path, robot, wheel_rad_s, mode)
-    q = _configurations(robot, _found(values, source), driven)
+    q = _configurations(robot, _filled_poses(values, source), driven)
     tiled = [np.tile(each, (len(table), 1)) for each in (np.array(driven), speeds)]
     return _with_phases(MotionLog(source, time_s, q, *tiled))
 
@@ -196,7 +196,7 @@ def _spread(time_s: Array) -> Array:
     return since
 
 
-def _found(values: Array, source: str) -> Array:
+def _filled_poses(values: Array, source: str) -> Array:
     """Poses (rows, 6) with lost frames, all zeros, filled in linearly, and smoothed."""
     here = np.arange(len(values))
     poses = np.empty_like(values)

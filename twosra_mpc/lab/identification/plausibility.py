@@ -1,4 +1,4 @@
-"""What a log or a fit must look like before a robot is made of it.
+"""Plausibility of a log or a fit, before a robot is made of it.
 
 A least-squares fit finds numbers for anything, also for a log in kelvin or in minutes. Everything
 here is refused with what it looks like and what to do.

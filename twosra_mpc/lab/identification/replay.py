@@ -74,7 +74,7 @@ class PhaseReplay:
 
     @property
     def split(self) -> float:
-        """How unequally two soft segments bent: deviation from their mean, as a share of it."""
+        """Inequality of the bends of two soft segments: share of their mean that differs."""
         soft = [POSE + j for j in soft_segments(self.mode)]
         bent = self.moved[soft]
         if len(soft) < 2 or abs(self.bend_rad[-1]) < LEAST_BEND_RAD:

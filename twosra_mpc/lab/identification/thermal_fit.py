@@ -64,7 +64,7 @@ UNIT = (1.0, 1.0, 0.0, 1.0, 0.0)
 
 
 class Parameters(NamedTuple):
-    """What is identified: the first five as in ``TwoNodeSegment``, then the firmware's law.
+    """Identified parameters: the first five as in ``TwoNodeSegment``, then the firmware's law.
 
     Attributes:
         power_K_per_s: Full heater power per heat capacity of the core.
@@ -125,7 +125,7 @@ class Row(NamedTuple):
 
 
 class Score(NamedTuple):
-    """How a given segment explains a log.
+    """Misfit of a given segment to a log.
 
     Attributes:
         residuals: On the log.
@@ -138,7 +138,7 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True)
 class ThermalFit:
-    """What a log says of a robot's segments.
+    """Fit of a robot's segments to a log.
 
     Attributes:
         source: Name of the log.
@@ -176,7 +176,7 @@ class ThermalFit:
 
     @property
     def summary(self) -> str:
-        """Where the fit comes from, for the robot file."""
+        """Source of the fit, for the robot file."""
         log, rms = Path(self.source).name, self.residuals.rms_C
         return f"{log}: residual {rms:z.2g} C (RMS) at the sensor"
 

@@ -40,8 +40,7 @@ from twosra_mpc.lab.identification.thermal_fit import (
 )
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.heater import Heater
-from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.robot.segment import Heater, TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 
 Kind = Literal["melt", "freeze"]
@@ -87,7 +86,7 @@ class LoggedTransition:
     heated_s: float | None = None
 
     def crossed_s(self, segment: int, level_C: float) -> float | None:
-        """When a segment's reading crossed a level: its end if it nearly did, None if not [s]."""
+        """Time at which a reading crossed a level: its end if it nearly did, None if not [s]."""
         time_s, reading = self.readings[:, 0], self.readings[:, 1 + segment]
         sign = 1 if self.kind == "melt" else -1
         beyond = np.flatnonzero(sign * (reading - level_C) >= 0)
@@ -117,7 +116,7 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True)
 class TransitionFit:
-    """What a log of transitions says of a robot's segments.
+    """Fit of a robot's segments to a log of transitions.
 
     Attributes:
         source: Name of the file of transitions.
@@ -142,7 +141,7 @@ class TransitionFit:
 
     @property
     def summary(self) -> str:
-        """Where the fit comes from, for the robot file."""
+        """Source of the fit, for the robot file."""
         name, count = Path(self.source).name, len(self.predictions)
         median = 100 * self.quantile(0.5)
         return (
@@ -154,7 +153,7 @@ class TransitionFit:
         return float(np.quantile([abs(each.error) for each in self.predictions], share))
 
     def within(self, share: float) -> int:
-        """How many transitions, each left out of the fit, are off by no more than this."""
+        """Number of transitions that, each left out of the fit, are off by no more than this."""
         return sum(abs(each.error) <= share for each in self.predictions)
 
 

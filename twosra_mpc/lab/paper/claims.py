@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 
 class Verdict(enum.StrEnum):
-    """What our numbers say of a claim."""
+    """Verdict of our numbers on a claim."""
 
     HOLDS = "holds"
     CAVEAT = "holds with a caveat"
@@ -78,7 +78,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says, where, and what comes of it.
+    """Claim of the paper, its place, and what comes of it.
 
     Attributes:
         words: The claim, in our words.
@@ -138,7 +138,7 @@ def equal(
 
 
 def every(words: str, share: float | None) -> Reading:
-    """What should be so in all cases, by the share (0 to 1) in which it is.
+    """Reading of a claim about all cases, by the share (0 to 1) in which it holds.
 
     It holds with a caveat where it is so in four cases of five.
     """

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
-from twosra_mpc.control.thermistor import LinearMap, NtcDivider
+from twosra_mpc.control.thermistor import NtcDivider
+from twosra_mpc.lab.bench.heater_loop import LinearMap
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Part, Tell
 from twosra_mpc.lab.paper.section import Section
@@ -63,7 +64,7 @@ def _compute(_folder: Path, tell: Tell) -> Data:
 
 
 def _inputs() -> Data:
-    """How well wheel speeds give the inputs back, and what moves with a held unit."""
+    """Errors of inputs from wheel speeds, and what moves with a held unit."""
     robot, lost, dragged = load_robot(_ROBOT), [], []
     known, units = kinematics(robot), np.eye(5)[:2]
     for simulation in SIMULATIONS.values():

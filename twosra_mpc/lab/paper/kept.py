@@ -26,7 +26,7 @@ Data = dict[str, Any]
 
 @dataclass(frozen=True)
 class Part:
-    """What is computed at once.
+    """Part of the report that is computed at once.
 
     Attributes:
         name: Of its file.

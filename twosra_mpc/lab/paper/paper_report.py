@@ -35,7 +35,7 @@ CAMERA = Camera(scale_m=SEGMENT_M / 8.4, length_m=SEGMENT_M, towards_px=(37.0, 3
 
 @dataclass(frozen=True)
 class Sources:
-    """What the report is made from besides the package; None is not given.
+    """Sources of the report besides the package; None is not given.
 
     Attributes:
         logs: Folder of logs of trials (CSV).
@@ -61,7 +61,7 @@ class PaperReport:
 
     @property
     def verdicts(self) -> dict[Verdict, int]:
-        """How many claims have which verdict."""
+        """Number of claims by verdict."""
         found = [claim.verdict for section in self.sections for claim in section.claims]
         return {verdict: found.count(verdict) for verdict in Verdict}
 

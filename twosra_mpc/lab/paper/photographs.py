@@ -17,8 +17,12 @@ from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Part, Tell, digest
 from twosra_mpc.lab.paper.section import Picture, Section, Table
 from twosra_mpc.lab.photographs.picture import Camera
-from twosra_mpc.lab.photographs.references import deviation
-from twosra_mpc.lab.photographs.study import Estimate, estimate_folder
+from twosra_mpc.lab.photographs.study import (
+    ESTIMATORS,
+    Estimate,
+    deviations,
+    estimate_folder,
+)
 
 STEPS_FIGURE, SPREAD_FIGURE = "curvature-steps.png", "curvature-spread.png"
 _WHERE = "section Curvature Estimation"
@@ -26,7 +30,6 @@ BANDS = (0.0, 10.0, 20.0, 35.0, 50.0, np.inf)  # |reference| [1/m]
 STRAIGHT_PER_M = 6.0  # below, the published steps hardly know anything
 MSE_PER_M2, SPREAD_PER_M, REPEATS = 41.32, 12.93, 5  # published
 _CLOSE = 0.02  # of a published number: what is drawn by lot moves them by 1 %
-_ESTIMATORS = {"published": "published_per_m", "arc": "arc_per_m"}
 _MISSING = (
     "Give a folder with folders of photographs, each with a CSV file of references of its name:"
     " --photographs FOLDER, or --data with curvature/ in it."
@@ -98,25 +101,14 @@ def _numbers(found: Sequence[Sequence[Estimate]], camera: Camera) -> dict[str, A
     straight = np.abs(reference) < STRAIGHT_PER_M
     fits = np.array([m.arc.fits for _, m in measured])
     bands = {}
-    for name, field in _ESTIMATORS.items():
+    for name, field in ESTIMATORS.items():
         off = np.array([getattr(each, field) for each, _ in measured]) - reference
         inside = [(np.abs(reference) >= a) & (np.abs(reference) < b) for a, b in _pairs()]
         bands[name] = [_mean(off[band & np.isfinite(off)] ** 2) for band in inside]
     return {
         "pictures": len(every_one),
         "refused": len(every_one) - len(measured),
-        "deviations": {
-            name: deviation(
-                [
-                    (
-                        np.array([getattr(each, field) for each in one]),
-                        np.array([each.reference_per_m for each in one]),
-                    )
-                    for one in found
-                ]
-            )
-            for name, field in _ESTIMATORS.items()
-        },
+        "deviations": deviations(found),
         "mean_spread_per_m": _mean(spread[np.isfinite(spread)]),
         "known_when_straight": _mean(known[straight]),
         "bands_mse_per_m2": bands,
@@ -280,7 +272,7 @@ def _growing(data: Data, name: str) -> float | None:
 
 def _bands(data: Data) -> Table:
     rows = []
-    for name in _ESTIMATORS:
+    for name in ESTIMATORS:
         off = data["deviations"][name]
         errors = [off["mse_per_m2"], off["cycle_mse_per_m2"], *data["bands_mse_per_m2"][name]]
         cells = ["-" if error is None else f"{error:z.1f}" for error in errors]

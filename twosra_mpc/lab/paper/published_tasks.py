@@ -185,7 +185,7 @@ def section(data: Data) -> Section:
 
 
 def _claims(of: dict[str, Any]) -> Iterator[Claim]:
-    """What the paper says of the five simulations, beside what they do here."""
+    """Claims of the paper on the five simulations, beside what they do here."""
     figure, five = "Fig. 6(a)", "of the five tasks"
     sequences, lengths = (
         float(np.mean([_as_published(task, of[task])[at] for task in TASKS])) for at in (0, 1)
@@ -220,7 +220,7 @@ def _claims(of: dict[str, Any]) -> Iterator[Claim]:
 
 
 def _as_published(task: str, one: dict[str, Any]) -> tuple[bool, bool]:
-    """Whether modes and number of recorded rows are those published."""
+    """True if modes are those published, and if the number of recorded rows is."""
     modes, rows = PUBLISHED[task]
     return sequence_name(one["sequence"]) == sequence_name(modes), one["recorded_rows"] == rows
 

@@ -1,4 +1,4 @@
-"""What a section of the report is made of."""
+"""Sections of the report."""
 
 from __future__ import annotations
 

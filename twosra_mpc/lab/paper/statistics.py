@@ -1,4 +1,4 @@
-"""What the published planner does with random problems, and what would be optimal."""
+"""Statistics of the published planner on random problems, and of the optimal one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from twosra_mpc.files import plain_data
 from twosra_mpc.lab.figures.paper_figures import plot_forward_kinematics
-from twosra_mpc.lab.figures.study_figures import plot_error_curves, plot_modes
+from twosra_mpc.lab.figures.study_figures import plot_error_curves
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Kept, Part, Tell
 from twosra_mpc.lab.paper.pieces import ROBOT, Study, random_problems
@@ -25,7 +25,7 @@ from twosra_mpc.lab.reproduction.greedy_statistics import (
 )
 
 ONE_FIGURE = "forward-kinematics.png"
-MODES_FIGURE, CURVES_FIGURE = "modes-of-random-problems.png", "errors-of-random-problems.png"
+CURVES_FIGURE = "errors-of-random-problems.png"
 
 
 def part(kept: Kept, problems: int, processes: int) -> Part:
@@ -36,7 +36,6 @@ def part(kept: Kept, problems: int, processes: int) -> Part:
         tell("drawing the random problems")
         single, best = statistics(study.single_mode), optimal_statistics(study.optimal)
         plot_forward_kinematics(folder / ONE_FIGURE)
-        plot_modes(single, study.optimal, folder / MODES_FIGURE)
         plot_error_curves(study.single_mode, folder / CURVES_FIGURE)
         found = {
             "single_mode": single,
@@ -47,7 +46,7 @@ def part(kept: Kept, problems: int, processes: int) -> Part:
         document: Data = plain_data(found)
         return document
 
-    figures = (ONE_FIGURE, MODES_FIGURE, CURVES_FIGURE)
+    figures = (ONE_FIGURE, CURVES_FIGURE)
     return Part("statistics", {"problems": problems, "robot": ROBOT}, compute, figures)
 
 
@@ -74,7 +73,6 @@ def section(data: Data) -> Section:
                 " way to where it ends",
             ),
             Picture(CURVES_FIGURE, "Error over normalised time: bands hold nine problems of ten"),
-            Picture(MODES_FIGURE, "Modes and durations of both planners on the same problems"),
         ),
     )
 
@@ -164,7 +162,7 @@ def _published_wait_s(study: Study) -> float:
 
 
 def _is_faster(problem: StudyProblem) -> bool:
-    """Whether the planner is below FK in the second half, up to where both are at the target."""
+    """True if the planner is below FK in the second half, up to where both are at the target."""
     pairs = list(zip(problem.error, problem.fk_error, strict=True))[TIMES // 2 : -1]
     return all(planner < fk for planner, fk in pairs)
 

@@ -83,7 +83,7 @@ def _one(name: str, log: MotionLog) -> Part:
 
 
 def _log(log: MotionLog) -> Data:
-    """What one log says; distances only from where a trial is known to start."""
+    """Data of one log; distances only from where a trial is known to start."""
     number = trial_of(log)
     goal = None if number is None else SIMULATIONS[number].goal
     data: Data = {"trial": number, "waiting": waiting(log, goal), "dtw": None, "nearest": None}
@@ -99,7 +99,7 @@ def _log(log: MotionLog) -> Data:
 
 
 def _bends(log: MotionLog) -> list[Data]:
-    """Where soft phases end by the model, given the history of curvatures that was measured."""
+    """Ends of soft phases by the model, given the history of curvatures that was measured."""
     return [
         {
             "mode": one.mode,
@@ -188,7 +188,7 @@ def _pattern(trials: Trials) -> Claim:
 
 
 def _in_order(part_of: list[Any], whole: list[Any]) -> bool:
-    """Whether a sequence is another one with some left out."""
+    """True if a sequence is another one with some left out."""
     rest = iter(whole)
     return all(one in rest for one in part_of)
 

@@ -65,7 +65,7 @@ class Arc:
 
     @property
     def fits(self) -> bool:
-        """Whether the medial line is compatible with one arc."""
+        """True if the medial line is compatible with one arc."""
         return self.p_value >= COMPATIBLE
 
 
@@ -154,7 +154,7 @@ def _cut(grey: Array, region: Mask) -> tuple[Array, tuple[int, int]]:
 
 
 def _towards_end(points: Array, camera: Camera) -> bool:
-    """Whether the last point, not the first, is the end that the segment is followed to."""
+    """True if the last point, not the first, is the end that the segment is followed to."""
     first, last = np.linalg.norm(points[[0, -1]] - camera.towards_px, axis=1)
     return bool(last < first)
 
@@ -261,7 +261,7 @@ def _values(spline: Array, places: Array) -> Array:
 
 
 def _design(kappa: float, s: Array) -> Array:
-    """How far moving, turning and bending move an arc across itself (see the module), (n, 3)."""
+    """Design matrix: moves, turns and bends of an arc across itself (see the module), (n, 3)."""
     half = s * np.sinc(kappa * s / (2 * np.pi))  # 2 sin(kappa s / 2) / kappa
     whole = s * np.sinc(kappa * s / np.pi)
     return np.column_stack([np.cos(kappa * s), whole, half**2 / 2])

@@ -31,7 +31,7 @@ Mask = NDArray[np.bool_]
 
 
 class Camera(Value):
-    """What has to be known of photographs and of the segment in them.
+    """Camera and segment of photographs.
 
     Attributes:
         scale_m: Width of a pixel on the ground [m].

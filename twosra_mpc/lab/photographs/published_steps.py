@@ -34,7 +34,7 @@ _ROUND = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
 
 @dataclass(frozen=True, eq=False)
 class PublishedCurvature:
-    """What the published steps make of one photograph; points in pixels, read-only.
+    """Curvature of one photograph by the published steps; points in pixels, read-only.
 
     Attributes:
         mean_per_m: Mean of the curvature along the segment [1/m], never negative; NaN if nowhere

@@ -23,7 +23,7 @@ from twosra_mpc.lab.photographs.picture import (
     read_photograph,
 )
 from twosra_mpc.lab.photographs.published_steps import PublishedCurvature, published_curvature
-from twosra_mpc.lab.photographs.references import read_references
+from twosra_mpc.lab.photographs.references import Deviation, deviation, read_references
 
 COLUMNS = (
     *("folder", "picture", "reference_per_m"),
@@ -32,6 +32,8 @@ COLUMNS = (
     "refused",
 )
 Tell = Callable[[int, int], None]
+
+ESTIMATORS = {"published": "published_per_m", "arc": "arc_per_m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What came of one picture.
+    """Estimate of one picture.
 
     Attributes:
         path: The picture.
@@ -147,3 +149,19 @@ def _numbers(measured: Measured | None) -> list[float]:
         *(published.spread_per_m, published.known),
         *(arc.curvature_per_m, arc.standard_error_per_m, arc.p_value, arc.scatter_m, arc.seen_m),
     ]
+
+
+def deviations(found: Sequence[Sequence[Estimate]]) -> dict[str, Deviation]:
+    """Deviations of both estimators from references, over all folders of estimates."""
+    return {
+        name: deviation(
+            [
+                (
+                    np.array([getattr(each, field) for each in one]),
+                    np.array([each.reference_per_m for each in one]),
+                )
+                for one in found
+            ]
+        )
+        for name, field in ESTIMATORS.items()
+    }

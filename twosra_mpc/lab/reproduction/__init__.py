@@ -1,1 +1,1 @@
-"""What was published, reproduced to rounding error: Algorithm 1 and its model."""
+"""Published Algorithm 1 and its model, reproduced to rounding error."""

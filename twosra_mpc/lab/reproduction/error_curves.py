@@ -1,8 +1,6 @@
-"""How the distance to the target falls over normalised time: curves from 1 to 0, compared."""
+"""Distance to the target over normalised time: curves from 1 to 0, compared."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -26,25 +24,5 @@ def deviation(curve: Curve) -> float:
 
 
 def starts_above(curve: Curve, other: Curve) -> bool:
-    """Whether it is above the other over all of the first tenth (not at 0, where both are 1)."""
+    """True if it is above the other over all of the first tenth (not at 0, where both are 1)."""
     return all(mine > yours for mine, yours in zip(curve[1:11], other[1:11], strict=True))
-
-
-def crossing(curve: Curve, other: Curve) -> float:
-    """Last normalised time at which it falls below the other, by straight lines; NaN if never."""
-    lead = np.subtract(curve, other)
-    falls = np.flatnonzero((lead[:-1] > 0) & (lead[1:] <= 0))
-    if not len(falls):
-        return math.nan
-    i = int(falls[-1])
-    return float((i + lead[i] / (lead[i] - lead[i + 1])) / (TIMES - 1))
-
-
-def reaches(curve: Curve, level: float) -> float:
-    """First normalised time at which a curve is down to a level below 1, by straight lines."""
-    below = np.flatnonzero(np.array(curve) <= level)
-    if not len(below):
-        return math.nan
-    i = int(below[0])
-    before, there = curve[i - 1], curve[i]
-    return (i - 1 + (before - level) / (before - there)) / (TIMES - 1)

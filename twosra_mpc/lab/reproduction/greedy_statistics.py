@@ -16,10 +16,8 @@ from typing import Any, Literal, Self, get_args
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.reproduction.error_curves import (
     Curve,
-    crossing,
     deviation,
     error_curve,
-    reaches,
     starts_above,
 )
 from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
@@ -44,7 +42,6 @@ from twosra_mpc.robot.modes import MODES, Mode, ModeSequence, is_rigid
 Kind = Literal["single-mode", "generic"]
 Q = tuple[float, ...]  # [x, y, phi, kappa_1, kappa_2] in m, rad, 1/m
 
-STRAIGHT = 0.12  # an FK curve this near to a straight line is called straight
 REFUSED = "refused"  # where the robot cannot be, by its description
 
 
@@ -79,7 +76,7 @@ class StudyProblem:
 
     @property
     def kind(self) -> Kind:
-        """How the target was made."""
+        """Kind of target."""
         return "generic" if self.target_mode is None else "single-mode"
 
     def to_dict(self) -> dict[str, Any]:
@@ -94,7 +91,7 @@ class StudyProblem:
 
 @dataclass(frozen=True)
 class OptimalProblem:
-    """What the optimal planner does with a problem of the study; numbers are NaN without a plan.
+    """Optimal plan of a problem of the study; numbers are NaN without a plan.
 
     Attributes:
         seed: Of the problem.
@@ -144,7 +141,7 @@ class OptimalProblem:
 
 @dataclass(frozen=True)
 class GroupStatistics:
-    """What the loop does with a group of problems.
+    """Statistics of the loop on a group of problems.
 
     Attributes:
         problems: How many there are.
@@ -165,7 +162,7 @@ class GroupStatistics:
 
 @dataclass(frozen=True)
 class StudyStatistics:
-    """What the published loop does with many problems.
+    """Statistics of the published loop on many problems.
 
     Attributes:
         kind: How their targets were made.
@@ -176,13 +173,8 @@ class StudyStatistics:
         last_rigid: Problems whose last recorded mode is rigid (the paper: all).
         last_rigid_raw: The same, every iteration counted.
         diverged: Problems on which the loop ran away.
-        fk_straight: FK curves within 12 % of a straight line.
         fk_deviation: Largest distance of an FK curve from the straight line.
         slower_start: Planner above FK over all of the first tenth of the time.
-        crossing: Normalised time from which the planner stays below FK.
-        half: Normalised time at which half the error of the planner is left.
-        fk_half: The same of FK.
-        twentieth: Normalised time at which 5 % of the error of the planner are left.
         hardware_wait_s: Waits of the recorded sequences by the rule of the trials.
     """
 
@@ -194,19 +186,14 @@ class StudyStatistics:
     last_rigid: Share
     last_rigid_raw: Share
     diverged: Share
-    fk_straight: Share
     fk_deviation: Spread
     slower_start: Share
-    crossing: Spread
-    half: Spread
-    fk_half: Spread
-    twentieth: Spread
     hardware_wait_s: Spread
 
 
 @dataclass(frozen=True)
 class OptimalStatistics:
-    """What the optimal planner does with the same problems, those of both planners compared.
+    """Statistics of the optimal planner on the same problems, both planners compared.
 
     Attributes:
         problems: How many there are.
@@ -307,8 +294,8 @@ def _planned(studied: StudyProblem, robot: Robot) -> OptimalProblem:
         result, greedy = plan(problem), plan(problem.with_values(planner="greedy"))
     except InputError as error:
         return OptimalProblem(studied.seed, REFUSED, str(error))
-    sequence, duration_s, waiting_s = _timed(result)
-    greedy_sequence, greedy_duration_s, greedy_waiting_s = _timed(greedy)
+    sequence, duration_s, waiting_s = _durations(result)
+    greedy_sequence, greedy_duration_s, greedy_waiting_s = _durations(greedy)
     made = result.plan
     return OptimalProblem(
         seed=studied.seed,
@@ -328,7 +315,7 @@ def _planned(studied: StudyProblem, robot: Robot) -> OptimalProblem:
     )
 
 
-def _timed(result: Result) -> tuple[ModeSequence, float, float]:
+def _durations(result: Result) -> tuple[ModeSequence, float, float]:
     """Sequence, duration and time at rest of a plan that verifies; nothing and NaN without one."""
     made = result.plan
     if made is None or not made.verification.ok:
@@ -357,13 +344,8 @@ def statistics(problems: Sequence[StudyProblem]) -> StudyStatistics:
         last_rigid=share(is_rigid(problem.recorded[-1]) for problem in problems),
         last_rigid_raw=share(is_rigid(problem.raw[-1]) for problem in problems),
         diverged=share(problem.stop is StopReason.DIVERGED for problem in problems),
-        fk_straight=share(each <= STRAIGHT for each in deviations),
         fk_deviation=spread(deviations),
         slower_start=share(starts_above(problem.error, problem.fk_error) for problem in driven),
-        crossing=spread(crossing(problem.error, problem.fk_error) for problem in driven),
-        half=spread(reaches(problem.error, 0.5) for problem in problems),
-        fk_half=spread(reaches(problem.fk_error, 0.5) for problem in driven),
-        twentieth=spread(reaches(problem.error, 0.05) for problem in problems),
         hardware_wait_s=spread(sum(fixed_waits_s(problem.recorded)) for problem in problems),
     )
 

@@ -86,13 +86,13 @@ class PhaseRow:
 
     @property
     def motion_s(self) -> float:
-        """How long it moved."""
+        """Time in motion [s]."""
         return self.end_s - self.begin_s
 
 
 @dataclass(frozen=True)
 class WaitingShares:
-    """Where the time of a log went.
+    """Shares of the time of a log.
 
     Attributes:
         source: Name of the log.
@@ -143,10 +143,10 @@ def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
         InputError: If there is none, or one is no log of motion with inputs of two segments.
     """
     for path in trial_paths(folder):
-        yield _checked(read_motion_log(path, robot))
+        yield _log_of_two_segments(read_motion_log(path, robot))
 
 
-def _checked(log: MotionLog) -> MotionLog:
+def _log_of_two_segments(log: MotionLog) -> MotionLog:
     if log.by_wheels or log.q.shape[1] != len(PLACED):
         raise InputError("log", log.source, "one of inputs and two segments")
     return log
@@ -158,7 +158,7 @@ def trial_of(log: MotionLog) -> int | None:
     Raises:
         InputError: If it is no log of inputs and two segments.
     """
-    first = _checked(log).q[0]
+    first = _log_of_two_segments(log).q[0]
     off = {n: np.abs(first - each.start) / PLACED for n, each in SIMULATIONS.items()}
     nearest = min(off, key=lambda trial: float(off[trial].max()))
     return nearest if off[nearest].max() <= 1.0 else None
@@ -171,7 +171,7 @@ def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
         InputError: If the log is too short or not one of inputs and two segments, or
             similaritymeasures is not installed.
     """
-    if len(_checked(log).q) <= WINDOW:
+    if len(_log_of_two_segments(log).q) <= WINDOW:
         raise InputError("rows", len(log.q), f"more than {WINDOW}", log.source)
     windows = np.lib.stride_tricks.sliding_window_view(log.q, WINDOW, axis=0)
     q, simulated = windows.mean(axis=-1), simulation.q
@@ -234,7 +234,7 @@ def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> Wait
     Raises:
         InputError: If it is no log of inputs and two segments, or the goal is none.
     """
-    last, rows = _checked(log).q[-1], log.phases
+    last, rows = _log_of_two_segments(log).q[-1], log.phases
     target = None if goal is None else checked_configuration("goal", goal)
     first_heating_s = fixed_waits_s((_mode(log, rows[0]),))[0]
     phases: list[PhaseRow] = []

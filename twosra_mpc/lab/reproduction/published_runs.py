@@ -51,7 +51,7 @@ _DIVERGENCE_FACTOR = 10.0
 
 
 class StopReason(enum.Enum):
-    """Why the loop ended, and what to do about it."""
+    """Reason for the loop's end, and what to do about it."""
 
     REACHED = "The target was reached to the last bit."
     DIVERGED = (
@@ -104,7 +104,7 @@ class PublishedTrajectory:
 
 
 class _Problem(NamedTuple):
-    """What stays constant during one run."""
+    """Constants of one run."""
 
     goal: Vector
     held: HeldFrames

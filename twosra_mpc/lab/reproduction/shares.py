@@ -1,4 +1,4 @@
-"""What is said of a number over many problems: a share with its confidence, and quantiles."""
+"""Statistics of a number over many problems: a share with its confidence, and quantiles."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ Node = TypeVar("Node")
 Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
+_PATIENCE, _TRIED = 64, 16  # steps without a solution until it is looked for; a leaf counts more
 _ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
 
 
@@ -98,7 +99,8 @@ def branch_and_bound(
     gap: float,
     out_of_time: Callable[[], bool],
     on_progress: Callable[[float, float], None],
-    first_look: Callable[[], tuple[float, Solution] | None] = lambda: None,
+    incumbent: Callable[[], tuple[float, Solution] | None] = lambda: None,
+    look: Callable[[], tuple[float, Solution] | None] = lambda: None,
     proved: Callable[[float], float] = lambda bound: bound,
 ) -> SearchResult[Solution]:
     """Search ``tree`` for a leaf within ``gap`` of the least possible cost.
@@ -108,7 +110,8 @@ def branch_and_bound(
         gap: Relative optimality gap (cost - lower bound) / cost to stop at.
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
-        first_look: Finds (cost, solution) of a leaf to begin with, if it can.
+        incumbent: Finds (cost, solution) of a leaf that is cheap to try; asked first.
+        look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
         proved: What the least bound of the tree proves of all solutions.
 
     Raises:
@@ -117,9 +120,14 @@ def branch_and_bound(
     search = _Search(tree, gap, proved)
     with noted_interrupts() as interrupts:
         try:
-            if (found := first_look()) is not None:
+            looked = False
+            if (found := incumbent()) is not None:
                 search.accept(*found)
             while search.open and not interrupts.requested:
+                if search.vain and not looked:
+                    looked, found = True, look()
+                    if found is not None:
+                        search.accept(*found)
                 on_progress(search.cost, search.lower_bound)
                 if search.closed:
                     break
@@ -203,7 +211,7 @@ class _Search(Generic[Node, Solution]):
         self.cost = math.inf
         self.solution: Solution | None = None
         self.first_work = math.inf
-        self.bounded = self.solved = 0
+        self.bounded = self.solved = self.steps = 0
         self.learnt = False  # whether a bound was tightened, and others may be too
 
     @property
@@ -216,6 +224,11 @@ class _Search(Generic[Node, Solution]):
         """Proved lower bound on every leaf's cost."""
         least = min(self.kept, self.queue[0].bound if self.queue else math.inf)
         return min(self.proved(least), self.cost)
+
+    @property
+    def vain(self) -> bool:
+        """Whether much was opened and tried without a solution."""
+        return self.solution is None and self.steps + _TRIED * self.solved > _PATIENCE
 
     @property
     def closed(self) -> bool:
@@ -235,6 +248,7 @@ class _Search(Generic[Node, Solution]):
 
     def step(self) -> None:
         """Work on the entry with the least bound, if that is still its bound."""
+        self.steps += 1
         bound = self.tree.bound(self.queue[0].node) if self.learnt else -math.inf
         if bound > self.queue[0].bound:
             heapq.heapreplace(self.queue, replace(self.queue[0], bound=bound))

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from twosra_mpc.planning.search.bends import BendingTask, bend_steps, unreachable_reason
-from twosra_mpc.planning.search.stage_task import StageTask
-from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.bounds.bends import BendingTask, bend_steps, unreachable_reason
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds
+from twosra_mpc.planning.search.nodes import Nodes
+from twosra_mpc.planning.search.tree import Tree, tree_of
 from twosra_mpc.robot.modes import (
     Mode,
     ModeSequence,
@@ -35,7 +36,7 @@ def impossibility(tree: Tree[Any]) -> str | None:
     Modes that the heaters cannot bring about occur in no sequence, and the invariants of
     ``unreachable_reason`` depend on the set of modes alone. Known of a single goal.
     """
-    stage, timing = tree.only, tree.timing
+    stage, timing = tree.nodes.only, tree.leaves.so_far.timing
     if stage is None or (task := stage.bend) is None:
         return None
     if stage.last is not None and (refusal := timing.refusal((), stage.last)) is not None:
@@ -79,7 +80,7 @@ def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel)
 
 def disproof(tree: Tree[Any]) -> str:
     """Say why the only sequence that the allowed modes make is no plan."""
-    stage = tree.only
+    stage = tree.nodes.only
     if stage is None or stage.bend is None:
         return next(iter(tree.unreachable.values()), "no stage sequence is left")
     allowed = f"allowed modes are {', '.join(map(mode_name, stage.modes))}: add another mode"
@@ -93,7 +94,7 @@ def too_few_phases(tree: Tree[Any]) -> str:
 
     The rigid phases that open and close a sequence count, whether anything moves in them or not.
     """
-    stage = tree.only
+    stage = tree.nodes.only
     assert stage is not None, "of several stages more is known"
     at_least, example = stage.most_phases + 1, ""
     for length in range(at_least, at_least + _FURTHER):
@@ -123,17 +124,18 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
     return None
 
 
-def _shortest(tree: Tree[Any], stage: StageTask, length: int) -> ModeSequence | None:
+def _shortest(tree: Tree[Any], stage: StageBounds, length: int) -> ModeSequence | None:
     """A sequence of this length that the relaxation does not disprove, the cheapest; or None."""
-    longer = ((replace(stage, most_phases=length),),)
-    deeper = replace(tree, variants=longer, unreachable={}, _bounds={})
-    nodes, found = [deeper.root()], []
-    while nodes:
-        node = nodes.pop()
-        leaf = deeper.whole(node)
+    nodes, leaves = Nodes([[replace(stage, most_phases=length)]], tree.nodes.first), tree.leaves
+    known = leaves.so_far.timing, leaves.so_far.weights, leaves.relaxation
+    deeper = tree_of(nodes, *known, tree.solver, in_the_way=tree.in_the_way)
+    opened, found = [deeper.root()], []
+    while opened:
+        node = opened.pop()
+        leaf = nodes.whole(node)
         if leaf is not None and len(leaf.joined) == length:
             found.append((deeper.leaf_bound(node), leaf.joined))
         below = [child for child in deeper.children(node) if not deeper.too_deep(child)]
-        nodes += [child for child in below if deeper.bound(child) < math.inf]
+        opened += [child for child in below if deeper.bound(child) < math.inf]
     bound, leaf_found = min(found, default=(math.inf, None))
     return leaf_found if bound < math.inf else None

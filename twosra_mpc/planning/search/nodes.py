@@ -14,8 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twosra_mpc.planning.search.stage_task import StageTask
-from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds
+from twosra_mpc.robot.modes import Mode, ModeSequence
+
+Stages = Sequence[StageBounds]
 
 
 class Node(NamedTuple):
@@ -35,12 +37,10 @@ class Whole(NamedTuple):
     @property
     def joined(self) -> ModeSequence:
         """All phases."""
-        if len(self.sequences) == 1:
-            return self.sequences[0]
         return tuple(itertools.chain.from_iterable(self.sequences))
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True)
 class Nodes:
     """Nodes and their children.
 
@@ -49,29 +49,20 @@ class Nodes:
         first: Stiffness at t = 0.
     """
 
-    variants: Sequence[Sequence[StageTask]]
+    variants: Sequence[Stages]
     first: Mode
 
     @property
-    def only(self) -> StageTask | None:
+    def only(self) -> StageBounds | None:
         """The stage, where there is but one in one variant."""
         stages = self.variants[0]
         return stages[0] if len(self.variants) == len(stages) == 1 else None
 
-    @property
-    def rigid(self) -> Mode:
-        """The mode in which every segment is solid."""
-        return rigid_mode(len(self.first))
-
-    def at(self, head: ModeSequence) -> Node:
-        """The node of the first variant whose first stage begins with these modes."""
-        return Node(0, (), head)
-
     def root(self) -> Node:
         """No variant chosen, unless there is but one."""
-        return Node(-1) if len(self.variants) > 1 else self._opened(0, ())
+        return Node(-1) if len(self.variants) > 1 else self.opened(0, ())
 
-    def _opened(self, variant: int, sequences: tuple[ModeSequence, ...]) -> Node:
+    def opened(self, variant: int, sequences: tuple[ModeSequence, ...]) -> Node:
         """The node where the next stage begins, if there is one."""
         stages = self.variants[variant]
         if len(sequences) == len(stages):
@@ -79,7 +70,7 @@ class Nodes:
         begins = sequences[-1][-1] if sequences else self.first
         return Node(variant, sequences, stages[len(sequences)].opening(begins))
 
-    def _open(self, node: Node) -> tuple[StageTask, Mode] | None:
+    def open_stage(self, node: Node) -> tuple[StageBounds, Mode] | None:
         """The stage that is open, and the stiffness in which it begins; None: all are over."""
         stages = self.variants[node.variant]
         if len(node.sequences) == len(stages):
@@ -90,28 +81,28 @@ class Nodes:
     def children(self, node: Node) -> list[Node]:
         """The variants, or one more mode, or the next stage."""
         if node.variant < 0:
-            return [self._opened(variant, ()) for variant in range(len(self.variants))]
-        if (opened := self._open(node)) is None:
+            return [self.opened(variant, ()) for variant in range(len(self.variants))]
+        if (opened := self.open_stage(node)) is None:
             return []
         stage, begins = opened
         found = [Node(*node[:2], head) for head in stage.longer(node.head, begins)]
         closed = None if stage.final else stage.closed(node.head, begins)
         if closed and len(closed) <= stage.most_phases and stage.misfit(closed) is None:
-            found.insert(0, self._opened(node.variant, (*node.sequences, closed)))
+            found.insert(0, self.opened(node.variant, (*node.sequences, closed)))
         return found
 
     def leaps(self, node: Node) -> list[Node]:
         """The variants, or the stage that is open with each of its sequences."""
         if node.variant < 0:
             return self.children(node)
-        if (opened := self._open(node)) is None:
+        if (opened := self.open_stage(node)) is None:
             return []
         sequences = opened[0].sequences(opened[1])
-        return [self._opened(node.variant, (*node.sequences, each)) for each in sequences]
+        return [self.opened(node.variant, (*node.sequences, each)) for each in sequences]
 
     def too_deep(self, node: Node) -> bool:
         """Whether the open stage, or its shortest child, has more phases than are opened."""
-        if node.variant < 0 or (opened := self._open(node)) is None:
+        if node.variant < 0 or (opened := self.open_stage(node)) is None:
             return False
         stage, begins = opened
         return len(stage.closed(node.head, begins) or node.head) > stage.most_phases
@@ -120,8 +111,12 @@ class Nodes:
         """The sequences of all stages a node stands for; None if another node stands for them."""
         if node.variant < 0:
             return None
-        if (opened := self._open(node)) is None:
+        if (opened := self.open_stage(node)) is None:
             return Whole(*node[:2])
         stage, begins = opened
         last = stage.closed(node.head, begins) if stage.final else None
         return None if last is None else Whole(node.variant, (*node.sequences, last))
+
+    def last(self, whole: Whole) -> Mode:
+        """Stiffness at the end of a sequence of every stage."""
+        return self.variants[whole.variant][-1].settled(whole.sequences[-1])

@@ -1,0 +1,1 @@
+"""Studies of worlds: which shapes of a grid pass them."""

@@ -1,0 +1,117 @@
+r"""Bounds of a mode sequence from parts of what it may do: shapes to end in, and bends left free.
+
+Modes that are soft more often than there are segments, such as [0,1] > [1,0] > [1,1], reach a shape
+by many bends. With d_f those of phases whose modes depend on the modes of others (``free_bends``),
+the rest follow from them and from the change w that is asked for. So every plan of the sequence
+lies in a box of (w, d_f), which is known: no bend is larger than the curvature limits are apart.
+How fast the robot bends, and which forbidden shapes it passes, is better known in a smaller box.
+The worst one is cut in two again and again. Each is bounded by least durations of its phases, or
+excluded because its bends pass a forbidden shape whatever they are; the least of these bounds is
+one of the sequence, because the boxes cover all of its plans.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twosra_mpc.planning.bounds.bends import (
+    BendingTask,
+    Intervals,
+    determined_bends,
+    free_bends,
+    least_durations,
+    middle_bends,
+)
+from twosra_mpc.planning.bounds.sequence_bound import (
+    SequenceBound,
+    longest_path_bound,
+    sequence_bound,
+)
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.modes import ModeSequence
+from twosra_mpc.timing import TemporalNetwork
+
+_CUTS, _FREE_CUTS = 7, 20  # of a box of shapes, and of a box with free bends
+
+
+def bound_by_parts(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    known_s: Sequence[float],
+    enough: float,
+) -> SequenceBound | None:
+    """Bound a sequence by cutting what it may do into parts; None if it has no choice.
+
+    Its bends are those in the middle of the least part where these pass no forbidden shape.
+
+    Args:
+        network: Constraints of the event times.
+        task: What the bending coordinates must do.
+        weights: Weights of the cost.
+        known_s: Proved least durations of the phases.
+        enough: A bound that need not be exceeded.
+    """
+    sequence, free = network.sequence, free_bends(network.sequence, task)
+    if not free and determined_bends(sequence, task) is not None:
+        return None
+    parts = [(-math.inf, (*task.change, *free))]
+    for _ in range(_FREE_CUTS if free else _CUTS):
+        if parts[0][0] >= enough:
+            break
+        whole, box = heapq.heappop(parts)
+        j = max(range(len(box)), key=lambda j: box[j][1] - box[j][0])
+        middle = sum(box[j]) / 2
+        for half in ((box[j][0], middle), (middle, box[j][1])):
+            cut = (*box[:j], half, *box[j + 1 :])
+            bound = _bound_of(cut, network, task, weights, known_s)
+            heapq.heappush(parts, (max(whole, bound), cut))
+    passable = (
+        box
+        for cost, box in sorted(parts)
+        if cost < math.inf and _durations(_middle(box), sequence, task, known_s) is not None
+    )
+    best = next(passable, parts[0][1])
+    change, choice = _split(best, task)
+    return SequenceBound(parts[0][0], np.zeros(0), middle_bends(sequence, change, choice))
+
+
+def _split(box: Intervals, task: BendingTask) -> tuple[Intervals, Intervals]:
+    """The change of W asked for, and the free bends."""
+    return box[: len(task.change)], box[len(task.change) :]
+
+
+def _middle(box: Intervals) -> Intervals:
+    return tuple((sum(ends) / 2,) * 2 for ends in box)
+
+
+def _durations(
+    box: Intervals, sequence: ModeSequence, task: BendingTask, known_s: Sequence[float]
+) -> list[float] | None:
+    """Least durations of the phases in a box; None if its bends pass a forbidden shape."""
+    change, choice = _split(box, task)
+    least = least_durations(sequence, replace(task, change=change), choice)
+    return list(map(max, least, known_s)) if max(least) < math.inf else None
+
+
+def _bound_of(
+    box: Intervals,
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    known_s: Sequence[float],
+) -> float:
+    change, choice = _split(box, task)
+    durations = _durations(box, network.sequence, task, known_s)
+    if durations is None:
+        return math.inf
+    if choice:
+        found = longest_path_bound(network, np.zeros(0), weights, durations)
+    else:
+        found = sequence_bound(network, replace(task, change=change), weights, durations)
+    return math.inf if found is None else found.cost

@@ -1,0 +1,147 @@
+"""What the pose must do, and what the phases of a mode sequence can do to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode
+
+Indices = NDArray[np.intp]
+Shape = tuple[float, ...]  # curvatures [1/m]
+Bounds = tuple[tuple[float, float], ...]  # (low, high) of every segment
+
+BOXES = 24  # of shapes in a piece of B
+_SAME = 1e-6  # s/m or s: rows that differ by less do not depend on the shape
+_INSIDE, _OUTSIDE = 4, 2  # pieces of B within the bend, on each side
+
+
+@dataclass(frozen=True)
+class PoseTask:
+    """The change of pose a plan must bring about, and how fast its phases can.
+
+    Attributes:
+        heading: At the start, from the world's x axis [rad].
+        shift: Change of (x, y) in the world, to the middle of what the goal allows [m], (2,).
+        reach: Half-sides of that, infinite where free; ``shift`` is 0 there [m], (2,).
+        turn: Change of heading to the middle of what the goal allows, modulo full turns [rad].
+        turn_reach: Half of what it allows; pi where the heading is free [rad].
+        known_s: Duration of a rigid motion in the start shape that makes the change [s].
+        speed_rows: (least, largest kappa (n,)) -> rows M with abs(M xi) <= 1 for every rigid twist
+            in a shape between, and how far off they may be, each (m, 3).
+        soft_motions: (mode, least W (n, m), largest W (n, m)) -> lower and upper bounds, each
+            (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, in these boxes.
+    """
+
+    heading: float
+    shift: Array
+    reach: Array
+    turn: float
+    turn_reach: float
+    known_s: float
+    speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
+    soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
+
+    def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
+        """What a rigid phase in a shape between these can do; None if nothing limits it.
+
+        The rows are M + D with abs(D) <= off. Let t = max abs(M xi), and X the largest abs(xi) with
+        t = 1. A twist has t <= 1 + max off abs(xi) <= 1 + a t with a = max off X: t <= 1 / (1 - a).
+        Where that fails the rows that are the same in every shape may do.
+        """
+        rows, off = self.speed_rows(least, most)
+        for kept in (off < np.inf, off < _SAME):
+            use = kept.all(axis=1)
+            twists = twist_vertices(rows[use])
+            if twists is None:
+                continue
+            more = float((off[use] @ np.abs(twists).max(axis=0)).max())
+            if more < 1:
+                motions = np.pad(twists / (1 - more), ((0, 0), (0, 1)))
+                none = np.zeros((len(twists), 1), dtype=np.intp)
+                slack = np.zeros_like(motions)
+                return PhaseMotions(motions, slack, none, np.zeros(1), np.ones(1, bool))
+        return None
+
+    def soft_phase(
+        self, mode: Mode, origin: Bounds, bend: tuple[float, float], room: tuple[float, float]
+    ) -> PhaseMotions | None:
+        """What a soft phase can do that bends by something in ``bend`` and strays within ``room``.
+
+        None if nothing limits it. Where there is no room, pieces have no length.
+        """
+        edges, bends, settled = pieces_of(bend, room)
+        steps = np.linspace(0.0, 1.0, BOXES, endpoint=False)
+        along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
+        low, high = (
+            np.array([w[end] + soft * ends for w, soft in zip(origin, mode, strict=True)])
+            for end, ends in enumerate((along[:-1], along[1:]))
+        )
+        piece = np.repeat(np.arange(len(bends)), BOXES)[:, None]
+        return self.soft_boxes(mode, low, high, PhaseMotions(low, low, piece, bends, settled))
+
+    def soft_boxes(
+        self, mode: Mode, low: Array, high: Array, where: PhaseMotions
+    ) -> PhaseMotions | None:
+        """What a soft mode can do in boxes of W, (n, m), with their pieces as in ``where``.
+
+        One motion for each corner of the units' speeds, all boxes each. None if nothing limits it.
+        """
+        lower, upper = self.soft_motions(mode, low, high)
+        if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
+            return None
+        middle, half = (upper + lower) / 2, (upper - lower) / 2
+        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+        return where._replace(
+            motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
+            slack=np.tile((half[0] + half[1]).T, (4, 1)),
+            piece=np.tile(where.piece, (4, 1)),
+        )
+
+
+def pieces_of(
+    bend: tuple[float, float], room: tuple[float, float]
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Edges of the pieces of B, the change of W each surely makes, and whether that is all."""
+    least, most = bend
+    surely = min(bend, key=abs) if least * most > 0 else 0.0
+    low, high = min(surely, 0.0), max(surely, 0.0)
+    under, over = [least] if least < low else [], [most] if most > high else []
+    first, last = min(least, low), max(most, high)
+    edges = np.concatenate(
+        [
+            np.linspace(min(room[0], first), first, _OUTSIDE, endpoint=False),
+            under,
+            np.linspace(low, high, _INSIDE, endpoint=False),
+            [high] if over else [],
+            np.linspace(last, max(room[1], last), _OUTSIDE + 1),
+        ]
+    )
+    settled = (edges[:-1] >= low) & (edges[1:] <= high)
+    settled |= (edges[:-1] >= last) | (edges[1:] <= first)
+    return edges, math.copysign(1.0, surely) * np.diff(np.clip(edges, low, high)), settled
+
+
+class PhaseMotions(NamedTuple):
+    """Extreme motions of a phase.
+
+    Attributes:
+        motions: (u, v, r, dW/dt), (n, 4).
+        slack: How far the true motions may lie from them, (n, 4).
+        piece: Pieces of B in which they take place, (n, k).
+        bends: Change of W in each piece that the phase must make, (pieces,).
+        settled: Whether it is known how much of a piece the phase bends; elsewhere B is flat.
+    """
+
+    motions: Array
+    slack: Array
+    piece: Indices
+    bends: Array
+    settled: NDArray[np.bool_]

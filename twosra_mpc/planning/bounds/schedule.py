@@ -1,0 +1,80 @@
+"""When things happen: the cheapest event times of a sequence whose phases last given times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twosra_mpc.effort import Cost, charge
+from twosra_mpc.planning.bounds.linear_program import minimise
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.timing import TemporalNetwork, earliest_times, latest_times
+
+
+def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
+    """Cost of a sequence as a linear function of its event times: (coefficients, constant)."""
+    objective = np.zeros(network.layout.count)
+    objective[network.layout.finish] = 1.0
+    constant = weights.energy_s_per_J * network.melt_energy_J
+    constant += weights.transition_s * (network.transitions)
+    for since, until, power in network.holds:
+        objective[until] += weights.energy_s_per_J * power
+        objective[since] -= weights.energy_s_per_J * power
+    return objective, constant
+
+
+def with_durations(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:
+    """Return the network with these least durations of its phases [s]."""
+    layout, least = network.layout, dict(network.least)
+    for i, duration in enumerate(durations):
+        least[layout.start(i), layout.end(i)] = float(duration)
+    return replace(network, least=least)
+
+
+def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Array | None:
+    """Event times of least cost for given phase durations [s], shape (events,).
+
+    Among equally good schedules: segments are held liquid for the shortest time (heat as late as
+    the motion allows), then phases start early. None if the constraints contradict each other.
+    """
+    charge(Cost.SCHEDULE, network.layout.count)
+    timed = with_durations(network, durations.tolist())
+    if weights.energy_s_per_J == 0:
+        return _late_heating(timed)
+    return _cheapest(timed, weights)
+
+
+def _late_heating(network: TemporalNetwork) -> Array | None:
+    """Finish and freezes as early as possible, then melts as late as possible, then phases early.
+
+    Every freeze takes its least time and every melt its latest with all freezes there, so no
+    schedule with this finish holds a segment liquid for less.
+    """
+    earliest = earliest_times(network)
+    if earliest is None:
+        return None
+    fixed = (network.layout.finish, *network.freeze_onsets)
+    latest = latest_times(network, {event: earliest[event] for event in fixed})
+    late = {(network.layout.origin, event): latest[event] for event in network.melt_onsets}
+    early = earliest_times(replace(network, least=network.least | late))
+    return None if early is None else np.array(early)
+
+
+def _cheapest(network: TemporalNetwork, weights: Weights) -> Array | None:
+    pairs = list(network.least)
+    matrix = np.zeros((len(pairs), network.layout.count))
+    for row, (u, v) in enumerate(pairs):
+        matrix[row, u] += 1.0
+        matrix[row, v] -= 1.0
+    objective, _ = cost_coefficients(network, weights)
+    objective[list(network.freeze_onsets)] += 1e-5
+    objective[list(network.melt_onsets)] -= 1e-5
+    for i in range(network.layout.phases):
+        objective[network.layout.start(i)] += 1e-7
+        objective[network.layout.end(i)] += 1e-7
+    bounds = [*[(0.0, None)] * (network.layout.count - 1), (0.0, 0.0)]
+    optimum = minimise(objective, matrix, -np.array(list(network.least.values())), bounds)
+    return None if optimum is None else optimum[1]

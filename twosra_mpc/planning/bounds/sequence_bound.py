@@ -1,0 +1,325 @@
+r"""Proved lower bounds on the cost of a mode sequence.
+
+Relax the motion to what it does to the bending coordinates W_j (see ``model.bending``), drop
+the pose, and keep the temporal network of the melts and freezes. With t the event times and d_i
+the change of W in soft phase i,
+
+.. math::
+    \min_{t, d}\; t_{finish} + w_E E(t) + w_s N
+    \quad\text{s.t.}\quad t_v - t_u \ge w_{uv}, \quad
+    |d_i| \le R_{\sigma_i} (t_{end,i} - t_{start,i}), \quad
+    \sum_{i: \sigma_{ij} = 1} d_i \in [\Delta W_j^-, \Delta W_j^+],
+
+and the partial sums after every phase within what the curvature limits allow. Where the sequence
+leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
+a bend that must pass a forbidden shape rules the sequence out. Where the goal is a box, the least
+bend is integrated so, and what a bend takes beyond it is at least a line. The changes of W asked
+for are those of every shape that counts as in the goal, so the bound holds for every plan that
+verifies. Where the cost weighs effort by w_u, w_u sum e_i is added, with e_i at least tangents of
+E_i / (t_{end,i} - t_{start,i}) for the least effort times duration E_i that such a bend takes
+(rigid drives: none). Every plan of the sequence satisfies these constraints, because R is an upper
+bound of abs(dW/dt) and W_j rests while segment j is rigid; so the optimum of this linear program
+bounds its cost from below. Where that is not enough, what the sequence may do is cut into
+``parts``, and a goal pose adds the constraint of ``pose_bound``. A sequence that never melts
+anything is bounded by ``rigid_motion.least_time`` as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twosra_mpc.planning.bounds.bends import (
+    BendingTask,
+    Intervals,
+    bend_steps,
+    determined_bends,
+    known_curvatures,
+    least_bends,
+    least_efforts,
+)
+from twosra_mpc.planning.bounds.linear_program import proved_minimum
+from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, best_constraint
+from twosra_mpc.planning.bounds.pose_phases import PhaseMotions
+from twosra_mpc.planning.bounds.schedule import cost_coefficients, with_durations
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
+from twosra_mpc.timing import TemporalNetwork, earliest_times
+
+_TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
+
+
+@dataclass(frozen=True)
+class SequenceBound:
+    """Optimum of the relaxation: the bound, its event times and its bends.
+
+    Attributes:
+        cost: Lower bound on the cost of every plan with this sequence [s].
+        times: Event times of the relaxed optimum, by event number.
+        bends: Change of W in each phase of the relaxed optimum (0 in rigid phases).
+    """
+
+    cost: float
+    times: Array
+    bends: Array
+
+
+def sequence_bound(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
+) -> SequenceBound | None:
+    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
+
+    Where only time counts and it is known which bends take least, that is a longest path.
+    """
+    bends = quickest_bends(network.sequence, task, weights)
+    if bends is None:
+        try:
+            return _linear_program_bound(network, task, weights, least_durations)
+        except ArithmeticError:
+            bends = mean_bends(network.sequence, task)
+    return longest_path_bound(network, bends, weights, least_durations)
+
+
+def quickest_bends(sequence: ModeSequence, task: BendingTask, weights: Weights) -> Array | None:
+    """Bends that take the least time of all, where that is all that counts and they are known."""
+    if weights.energy_s_per_J or weights.effort:
+        return None
+    bends = determined_bends(sequence, task)
+    return least_bends(sequence, task) if bends is None else bends
+
+
+def mean_bends(sequence: ModeSequence, task: BendingTask) -> Array:
+    """Bends to the middle, for where the solver gives up: what each phase takes by itself holds."""
+    middle = np.array(task.change).mean(axis=1)
+    found: Array = np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
+    return found
+
+
+def longest_path_bound(
+    network: TemporalNetwork, bends: Array, weights: Weights, least_durations: Sequence[float]
+) -> SequenceBound | None:
+    """The earliest finish is a longest path; what holding segments liquid costs is left out.
+
+    None if no durations, or no times, fulfil the constraints.
+    """
+    if not all(map(math.isfinite, least_durations)):
+        return None
+    times = earliest_times(with_durations(network, least_durations))
+    if times is None:
+        return None
+    _, constant = cost_coefficients(network, weights)
+    return SequenceBound(times[network.layout.finish] + constant, np.array(times), bends)
+
+
+def pose_bound(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
+    enough: float,
+) -> float:
+    """Raise the bound of a sequence by the time its change of pose takes; -inf if not known.
+
+    Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
+    goal pose, and a sequence whose soft modes are independent.
+    """
+    phases = _phase_motions(network.sequence, task)
+    if task.pose is None or phases is None:
+        return -math.inf
+    cost, _ = cost_coefficients(network, weights)
+
+    def bound_with(constraint: PoseConstraint) -> float:
+        try:
+            bound = _linear_program_bound(network, task, weights, least_durations, constraint)
+        except ArithmeticError:  # the solver gave up: nothing is proved
+            return -math.inf
+        return -math.inf if bound is None else bound.cost
+
+    timed = with_durations(network, least_durations)
+    times = earliest_times(timed) or [0.0] * network.layout.count
+    # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
+    whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
+    least = timed.least | whole
+    return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
+
+
+def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
+    """What each phase can do; None without a goal pose, or if nothing limits one of them."""
+    steps, found = bend_steps(sequence, task), list[PhaseMotions]()
+    if task.pose is None or steps is None:
+        return None
+    for i, step in enumerate(steps):
+        if any(step.mode):
+            room = _room(step.mode, step.before, task)
+            motions = task.pose.soft_phase(step.mode, step.before, (step.least, step.most), room)
+        else:
+            motions = task.pose.rigid_phase(*_shapes(sequence, i, step.before, task))
+        if motions is None:
+            return None
+        found.append(motions)
+    return found
+
+
+def _room(mode: Mode, here: Intervals, task: BendingTask) -> tuple[float, float]:
+    """Changes of W from ``here`` that the curvature limits allow to all soft segments of a mode."""
+    soft = soft_segments(mode)
+    least = [task.origin[j] + task.room[j][0] - here[j][1] for j in soft]
+    most = [task.origin[j] + task.room[j][1] - here[j][0] for j in soft]
+    return max(least), min(most)
+
+
+def _shapes(
+    sequence: ModeSequence, phase: int, here: Intervals, task: BendingTask
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Least and largest curvatures in a rigid phase: the start's, the goal's, or of these W."""
+    known = known_curvatures(sequence, phase, task)
+    ends = zip(*map(task.curvature, zip(*here, strict=True)), strict=True)
+    low, high = zip(
+        *(by_w if k is None else k for k, by_w in zip(known, ends, strict=True)), strict=True
+    )
+    return low, high
+
+
+def _linear_program_bound(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
+    pose: PoseConstraint | None = None,
+) -> SequenceBound | None:
+    rows = BendRows(network.sequence, task, weights)
+    program = Relaxation(network, weights, least_durations, rows.rates, rows.efforts)
+    rows.add_to(program)
+    program.weigh_efforts()
+    if pose is not None:
+        drives: dict[int, float] = {}
+        for i, rate in enumerate(pose.rates.tolist()):
+            drives |= {network.layout.end(i): rate, network.layout.start(i): -rate}
+        program.at_least(drives, pose.need)
+    return program.optimum()
+
+
+class BendRows:
+    """What the bends of the first phases of a relaxation must be, from the start to a goal.
+
+    Attributes:
+        rates: Upper bound of abs(dW/dt) in each of these phases.
+        efforts: Least effort times duration of each [s2]; none where effort has no weight.
+    """
+
+    def __init__(self, sequence: ModeSequence, task: BendingTask, weights: Weights) -> None:
+        self._sequence, self._task = sequence, task
+        self.efforts = least_efforts(sequence, task) if weights.effort else []
+        self.rates = list[float]()
+        self._lines = dict[int, tuple[float, float, float]]()
+        steps = bend_steps(sequence, task) or [None] * len(sequence)
+        for i, (mode, step) in enumerate(zip(sequence, steps, strict=True)):
+            if step and (bend := step.surely) and step.least < step.most:
+                most = max(step.least, step.most, key=abs)
+                time, more = task.least_time_of_more(mode, step.before, bend, most)
+                self._lines[i] = time, more, bend
+                self.rates.append(max(1 / more, abs(bend) / time))  # which the line implies
+            else:
+                known = known_curvatures(sequence, i, task)
+                self.rates.append(task.rate(mode, known) if any(mode) else 0.0)
+
+    def add_to(self, program: Relaxation) -> None:
+        """Demand that limits and goal allow the bends, and what they take at least."""
+        layout, task, sequence = program.layout, self._task, self._sequence
+        for i, (time, more, bend) in self._lines.items():
+            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
+            beyond = {layout.count + i: -math.copysign(more, bend)}
+            program.at_least(lasting | beyond, time - more * abs(bend))
+        for j in task.segments:
+            bends: dict[int, float] = {}
+            for i in (i for i, mode in enumerate(sequence) if mode[j]):
+                bends[layout.count + i] = 1.0
+                later = any(mode[j] for mode in sequence[i + 1 :])
+                low, high = task.room[j] if later else task.met[j]
+                program.at_least(bends, low)
+                program.at_least(dict.fromkeys(bends, -1.0), -high)
+
+
+class Relaxation:
+    """The linear program in event times and bends, row by row; columns are in this order.
+
+    Args:
+        network: Constraints of the event times.
+        weights: Weights of the cost.
+        least_durations: Of the phases [s].
+        rates: Upper bound of abs(dW/dt) in each phase.
+        efforts: Least effort times duration of each phase [s2]; none where effort has no weight.
+    """
+
+    def __init__(
+        self,
+        network: TemporalNetwork,
+        weights: Weights,
+        least_durations: Sequence[float],
+        rates: Sequence[float],
+        efforts: Sequence[float] = (),
+    ) -> None:
+        self._network, self._weights, self._efforts = network, weights, efforts
+        self._rates = rates
+        self.layout = layout = network.layout
+        self._width = layout.count + layout.phases + len(efforts)
+        self._rows: list[Array] = []
+        self._limits: list[float] = []
+        for (u, v), least in network.least.items():
+            self.at_least({v: 1.0, u: -1.0}, least)
+        for delay in network.delays:
+            self.at_least({delay.until: 1.0, delay.since: -delay.share}, delay.least)
+        for i, least in enumerate(least_durations):
+            self.at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
+        for i, (mode, rate) in enumerate(zip(network.sequence, rates, strict=True)):
+            if any(mode) and np.isfinite(rate):
+                for sign in (1.0, -1.0):
+                    bend = layout.count + i
+                    self.at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
+
+    def at_least(self, terms: dict[int, float], least: float) -> None:
+        """Demand that the sum of columns times factors is no less."""
+        row = np.zeros(self._width)
+        for column, value in terms.items():
+            row[column] -= value
+        self._rows.append(row)
+        self._limits.append(-least)
+
+    def weigh_efforts(self) -> None:
+        """Demand that efforts are at least tangents of effort over duration."""
+        layout = self._network.layout
+        for i, effort in enumerate(self._efforts):
+            column, end, start = layout.count + layout.phases + i, layout.end(i), layout.start(i)
+            for slope in _TANGENTS if effort else ():
+                self.at_least(
+                    {column: 1.0, end: slope, start: -slope}, 2 * math.sqrt(slope * effort)
+                )
+
+    def optimum(self) -> SequenceBound | None:
+        """The least cost; None if the constraints contradict each other.
+
+        All times are at most the finish, which costs 1 per second, and bends at most rate times
+        time; so nothing is larger than a multiple of the cost.
+        """
+        layout, n = self._network.layout, self._network.layout.phases
+        count, effort = len(self._efforts), self._weights.effort
+        objective, constant = cost_coefficients(self._network, self._weights)
+        bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in self._network.sequence]
+        bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
+        bounds += [(0.0, None)] * count
+        objective = np.concatenate([objective, np.zeros(n), np.full(count, effort)])
+        per_cost = np.concatenate([np.ones(layout.count), self._rates, np.ones(count)])
+        per_cost[layout.count + n :] /= effort or 1.0
+        rows, limits = np.array(self._rows), np.array(self._limits)
+        least, found = proved_minimum(objective, rows, limits, bounds, per_cost)
+        if least == math.inf:
+            return None
+        times, bends_found, _ = np.split(found, [layout.count, layout.count + n])
+        return SequenceBound(least + constant, times=times, bends=bends_found)

@@ -1,1 +1,0 @@
-"""Missions: several goals, objects to hold and to carry, as one plan."""

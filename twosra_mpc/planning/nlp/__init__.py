@@ -1,1 +1,0 @@
-"""The fixed-sequence nonlinear program: direct multiple shooting over a sequence's phases."""

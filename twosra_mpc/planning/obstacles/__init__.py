@@ -1,1 +1,0 @@
-"""Mode sequences placed among obstacles: where to reshape, and how to drive there."""

@@ -1,0 +1,327 @@
+"""The relaxation of stages that the search works with, worked out from the model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, lru_cache, partial
+from typing import TypeVar
+
+import numpy as np
+
+from twosra_mpc.model.bending import bending, from_rest_to_rest
+from twosra_mpc.model.flow import Motion
+from twosra_mpc.model.path_models import path_model
+from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
+from twosra_mpc.planning.bounds.drive_bound import least_drive_time
+from twosra_mpc.planning.bounds.pose_phases import PoseTask
+from twosra_mpc.planning.bounds.rigid_motion import least_time
+from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds
+from twosra_mpc.planning.bounds.stages_bound import StageRelaxation
+from twosra_mpc.planning.search.in_the_way import InTheWay
+from twosra_mpc.planning.search.nodes import Nodes
+from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
+from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.stages.placements import Placement, Variant
+from twosra_mpc.problem.free_shapes import look_for_shape
+from twosra_mpc.problem.goals import Goal, Tolerance
+from twosra_mpc.problem.limits import (
+    CURVATURE,
+    interval_durations,
+    most_gaps_m,
+    overlap_in_words,
+    rigid_ramp_s,
+    rigid_rows,
+    rigid_rows_between,
+)
+from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import MOST_PHASES
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
+from twosra_mpc.timing import transition_model
+
+_CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
+_NARROW_PER_M = 3.0  # half-width of a box of shapes whose bends are looked at more closely
+_MOST_TO_ANY = 3  # phases of a stage of several that may end in any stiffness
+
+Box = tuple[Array, Array]
+Solution = TypeVar("Solution")
+
+
+def stage_tree(
+    problem: Problem,
+    variants: Sequence[Variant],
+    solver: Solver[Solution],
+    excluded: frozenset[ModeSequence] = frozenset(),
+    in_the_way: Sequence[Sequence[InTheWay]] | None = None,
+) -> Tree[Solution]:
+    """Build the tree of the variants of a problem and of the mode sequences of their stages.
+
+    Args:
+        problem: The problem.
+        variants: The ways to do it.
+        solver: Makes plans of one sequence of each stage.
+        excluded: Sequences that are not to be used.
+        in_the_way: What is in the way of each stage of every variant; nothing if left out.
+    """
+    return tree_of(
+        Nodes([stage_bounds(each) for each in variants], problem.start_mode),
+        transition_model(problem),
+        problem.cost_weights,
+        relaxation(problem),
+        solver,
+        in_the_way=in_the_way,
+        excluded=excluded,
+    )
+
+
+def relaxation(problem: Problem) -> StageRelaxation:
+    """Rates, speeds and room of a problem's robot."""
+    robot, facts = problem.robot, bending(problem.robot)
+    n, limits = robot.coordinates.segments, robot.limits
+
+    @lru_cache(1)
+    def room() -> Intervals:
+        here = facts.coordinates(problem.start.kappa_per_m).tolist()
+        most = [facts.coordinate(limits.curvature_per_m, j) for j in range(n)]
+        return tuple((-w - at, w - at) for w, at in zip(most, here, strict=True))
+
+    def speed_m_s(mode: Mode) -> float:
+        if is_rigid(mode):
+            return math.inf if limits.speed_m_s is None else limits.speed_m_s
+        return facts.largest_speed_m_s(mode)
+
+    return StageRelaxation(
+        room=room,
+        rate=cache(lambda mode: facts.fastest(mode, (None,) * n)),
+        speed_m_s=cache(speed_m_s),
+        soft_travel_m=limits.soft_travel_m if problem.world_at_start.obstacles else math.inf,
+    )
+
+
+def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
+    """Bounds of each stage, for all members of a variant."""
+    problem, members = variant.problem, variant.members
+    start, several = problem.start.configuration, len(members[0]) > 1
+    before: Box = (start, start)
+    here = replace(members[0][0], ends=start[None, :POSE], within_m=0.0)
+    known, begins, since = before, [here] * len(members), 1
+    found = list[StageBounds]()
+    for same in zip(*members, strict=True):
+        first, asked = same[0], same[0].stage
+        boxes = [each.box(before[0]) for each in same]
+        after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
+        far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, same, strict=True))
+        alone = variant.reaching(first) if not found and first.reaches else None
+        found.append(
+            StageBounds(
+                change=_changes(problem, after),
+                bend=bending_task(alone) if alone else _bend(problem, before, after),
+                modes=asked.modes,
+                last=asked.last,
+                most_phases=_most_phases(asked) if several else problem.max_phases,
+                final=len(found) + 1 == len(members[0]),
+                drives_first=first.drives_first,
+                drives_last=first.drives_last,
+                distance_m=0.0 if alone else far_m,
+                since=since,
+                drive=_drive(problem, alone, far_m if since == 1 else 0.0),
+                least_s=asked.least_s,
+                reshapes=first.reshapes,
+            )
+        )
+        before, since = after, since + 1
+        if np.isfinite([end[:2] for end in after]).all():
+            known, begins, since = after, list(same), 1
+    return tuple(found)
+
+
+def _most_phases(stage: Stage) -> int:
+    """Of the sequences that are opened for one of several stages."""
+    return _MOST_TO_ANY if stage.last is None else MOST_PHASES
+
+
+def _drive(problem: Problem, alone: Problem | None, far_m: float) -> Drive:
+    """Proved least duration of a stage that is nothing but a drive."""
+    least_s = far_m / (problem.robot.limits.speed_m_s or math.inf)
+    return Drive(least_s, partial(rigid_time, alone) if alone is not None else None)
+
+
+def _w(problem: Problem, *ends: Array) -> Array:
+    """W of the shapes of ends of boxes, clipped to the limits, (ends, n)."""
+    limit = problem.robot.limits.curvature_per_m
+    return bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
+
+
+def _changes(problem: Problem, after: Box) -> Intervals:
+    """Changes of W since t = 0 that lead into a box."""
+    here, low, high = _w(problem, problem.start.configuration, *after)
+    return _intervals(low - here, high - here)
+
+
+def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
+    """What a stage must bend, where the shapes at both of its ends are nearly known."""
+    widths = np.array([high[POSE:] - low[POSE:] for low, high in (before, after)])
+    if not widths.max() <= 2 * _NARROW_PER_M:
+        return None
+    middle, shape = ((low[POSE:] + high[POSE:]) / 2 for low, high in (before, after))
+    tolerance = Tolerance(kappa_per_m=tuple((widths[1] / 2).tolist()))
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=tuple(middle.tolist()))
+    goal = Goal(kappa_per_m=tuple(shape.tolist()), tolerance=tolerance)
+    alone = problem.with_values(start=start, goal=goal, tasks=(), objects=())
+    task = bending_task(alone)
+    within = np.abs(_w(problem, *before) - task.origin).max(axis=0)
+    return replace(
+        task,
+        change=_wider(task.change, within),
+        room=_wider(task.room, within),
+        origin_within=tuple(within.tolist()),
+    )
+
+
+def _wider(intervals: Intervals, within: Array) -> Intervals:
+    pairs = zip(intervals, within.tolist(), strict=True)
+    return tuple((low - by, high + by) for (low, high), by in pairs)
+
+
+def _apart_m(before: Box, after: Box, begin: Placement, end: Placement) -> float:
+    """Least distance of b0's positions where two stages end."""
+    if begin.ends is not None and end.ends is not None:
+        apart = np.linalg.norm(begin.ends[:, None, :2] - end.ends[None, :, :2], axis=-1)
+        return max(0.0, float(apart.min()) - begin.within_m - end.within_m)
+    gaps = np.maximum(after[0][:2] - before[1][:2], before[0][:2] - after[1][:2])
+    return float(np.linalg.norm(np.maximum(gaps, 0.0)))
+
+
+def bending_task(problem: Problem) -> BendingTask:
+    """What the plan must do to the bending coordinates, from start, goal and path model."""
+    facts, limit = bending(problem.robot), problem.robot.limits.curvature_per_m
+    here = problem.start.configuration
+    start, low, high = np.array([here, *problem.goal.box(here)])[:, POSE:]
+    least, most = np.clip([low, high], -limit, limit)
+    outside = least - GOAL_TOLERANCE, most + GOAL_TOLERANCE
+    origin, least_w, most_w, under, over = facts.coordinates([start, least, most, *outside])
+    top = np.array([facts.coordinate(limit + BEYOND_PER_M, j) for j in range(len(start))])
+    met = zip((low - GOAL_TOLERANCE).tolist(), (high + GOAL_TOLERANCE).tolist(), strict=True)
+    asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
+
+    def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
+        begin, end = 0.0, bend
+        for _ in range(_LOOKS):
+            shapes = facts.shapes_on_the_way(mode, before, end, begin)
+            gaps_m = most_gaps_m(problem.robot, *shapes)
+            least, last = int(gaps_m.argmin()), len(gaps_m) - 1
+            if gaps_m[least] < 0:
+                return overlap_in_words(problem.robot, shapes[0][least])
+            if gaps_m[least] > _CLOSE_M:
+                break
+            step = (end - begin) / last
+            begin, end = begin + max(least - 1, 0) * step, begin + min(least + 1, last) * step
+        return None
+
+    @lru_cache(64)  # many sequences lead through the same shapes
+    def shapeless(within: Intervals) -> bool:
+        least, most = map(facts.curvatures, zip(*within, strict=True))
+        box = np.subtract(least, BEYOND_PER_M), np.add(most, BEYOND_PER_M)
+        return look_for_shape(problem.robot, *box).forbidden
+
+    return BendingTask(
+        change=_intervals(least_w - origin, most_w - origin),
+        within=tuple(np.maximum(least_w - under, over - most_w).tolist()),
+        room=_intervals(-top - origin, top - origin),
+        start=tuple(start.tolist()),
+        goal=tuple(each if math.isfinite(each[1] - each[0]) else None for each in met),
+        rate=facts.fastest,
+        origin=tuple(origin.tolist()),
+        least_time=facts.least_time,
+        least_time_of_more=facts.least_time_of_more,
+        least_effort=facts.least_effort_s2,
+        forbidden=forbidden,
+        shapeless=shapeless,
+        beyond=f"beyond {CURVATURE.name} = {limit:zg} {CURVATURE.unit}",
+        shape=", ".join(_asked(f"kappa{j}", *numbers) for j, numbers in asked),
+        conserved=Conserved(*path_model(problem.robot).conserved),
+        curvature=facts.curvatures,
+        pose=pose_task(problem),
+    )
+
+
+def _intervals(low: Array, high: Array) -> Intervals:
+    """(low, high) of each segment, from (n,) each."""
+    return tuple(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def _asked(name: str, start: float, low: float, high: float) -> str:
+    """What a goal asks of a curvature, in words."""
+    if not math.isfinite(high - low):
+        return f"{name} free"
+    box = f" (+- {(high - low) / 2:zg})" if high > low else ""
+    return f"{name} from {start:zg} to {(low + high) / 2:zg}{box} 1/m"
+
+
+def pose_task(problem: Problem) -> PoseTask | None:
+    """What the plan must do to the pose; None where the goal leaves all of it free."""
+    start = problem.start.configuration
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
+    given = np.isfinite(high - low)
+    if not given.any():
+        return None
+    low, high = np.where(given, [low, high], 0.0)
+    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
+    reach = np.where(given, (high - low) / 2, math.inf)
+    return PoseTask(
+        heading=float(start[2]),
+        shift=(low + high)[:2] / 2,
+        reach=reach[:2],
+        turn=float(low[2] + high[2]) / 2,
+        turn_reach=min(float(reach[2]), math.pi),
+        known_s=_known_s(guess),
+        speed_rows=partial(rigid_rows_between, problem.robot),
+        soft_motions=bending(problem.robot).motions_between,
+    )
+
+
+def rigid_time(problem: Problem, enough: float = 0.0) -> float:
+    """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s].
+
+    Where the quick bound is less than ``enough`` [s], takes up to a third of a second more.
+    """
+    start = problem.start.configuration
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
+    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
+    rows = rigid_rows(problem.robot, start[POSE:])
+    c, s = math.cos(start[2]), math.sin(start[2])
+    given = np.isfinite(high - low)
+    ends = np.where(given, [low, high], math.nan)
+    shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
+    if given[:2].all() and box[:2].max() <= 2 * GOAL_TOLERANCE:  # nearly round
+        box = math.sqrt(2) * box
+        shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
+    else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
+        rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    asked = rows, shift, box[:2], (float(low[2]), float(high[2])), problem.goal.phi_modulo
+    known_s, ramp_s = _known_s(guess), rigid_ramp_s(problem.robot, start[POSE:])
+    at_speed = least_time(*asked, known_s)
+    if from_rest_to_rest(at_speed, ramp_s) < enough:
+        until_s = enough - ramp_s if enough >= 2 * ramp_s else enough**2 / (4 * ramp_s)
+        at_speed = max(at_speed, least_drive_time(*asked, min(until_s * (1 + 1e-6), known_s)))
+    shortest = 0.0 if problem.goal.met_at(start) else problem.robot.limits.phase_s
+    return max(from_rest_to_rest(at_speed, ramp_s), shortest)
+
+
+def _known_s(guess: Motion) -> float:
+    """How long a rigid drive takes at full speed, as guessed: by a screw, or straight and a turn.
+
+    The screw of nearly a full turn leads far away.
+    """
+    screw_s = float(interval_durations(guess).sum())
+    first, last = guess.states[0, 0], guess.states[-1, -1]
+    turn = float(last[2] - first[2])
+    if abs(turn) <= math.pi:
+        return screw_s
+    rows, far = rigid_rows(guess.robot, first[POSE:]), float(np.hypot(*(last - first)[:2]))
+    straight_s = far * float(np.linalg.norm(rows[:, :2], axis=1).max())
+    return min(screw_s, straight_s + abs(turn) * float(np.abs(rows[:, 2]).max()))

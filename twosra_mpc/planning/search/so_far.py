@@ -1,0 +1,234 @@
+"""Stages that are over, and the one that is open: what every plan takes that begins alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from twosra_mpc.effort import Cost, charge
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way
+from twosra_mpc.planning.bounds.stages_bound import reachable
+from twosra_mpc.planning.search.nodes import Nodes, Stages, Whole
+from twosra_mpc.planning.search.to_go import ToGo
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
+
+
+class Past(NamedTuple):
+    """What the first stages of a variant take: infinite where they are proved impossible."""
+
+    cost: float
+    phases: ModeSequence = ()
+    durations: tuple[float, ...] = ()
+    reason: str | None = None
+
+
+@dataclass
+class SoFar:
+    """Bounds of what comes first in a plan.
+
+    Attributes:
+        nodes: The stages of every variant.
+        timing: The transition model.
+        weights: Weights of the cost.
+        to_go: What stages alone take.
+    """
+
+    nodes: Nodes
+    timing: TransitionModel
+    weights: Weights
+    to_go: ToGo
+    _past: dict[Whole, Past] = field(default_factory=dict)
+    _bending: dict[tuple[int, tuple[ModeSequence, ...]], bool] = field(default_factory=dict)
+    _onwards: dict[tuple[StageBounds, Mode, frozenset[int]], float | None] = field(
+        default_factory=dict
+    )
+
+    # --- Stages that are over
+
+    def past(self, over: Whole) -> Past:
+        """What the first stages take with these sequences."""
+        if over not in self._past:
+            self._past[over] = self._passes(over) if over.sequences else Past(0.0)
+        return self._past[over]
+
+    def durations(self, over: Whole) -> list[float]:
+        """Least durations of all phases [s]."""
+        pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
+        return [time for pair in pairs for time in self.to_go.alone.durations(*pair)]
+
+    def network(self, over: Whole, last: Mode, durations: Sequence[float]) -> TemporalNetwork:
+        """The network of these stages, each of which lasts no less than its least duration."""
+        charge(Cost.NETWORK, len(durations))
+        return lasting(
+            self.timing.network(over.joined, last, durations),
+            self.nodes.variants[over.variant],
+            over.sequences,
+        )
+
+    def _passes(self, over: Whole) -> Past:
+        joined = over.joined
+        if (reason := self._impossible(over)) is not None:
+            return Past(math.inf, reason=reason)
+        durations = self.durations(over)
+        if not all(map(math.isfinite, durations)):
+            return Past(math.inf, reason="a stage must pass shapes that are forbidden")
+        network = self.network(over, joined[-1], [0.0] * len(joined))
+        times = earliest_times(with_durations(network, durations))
+        if times is None:
+            return Past(math.inf)
+        cost = times[network.layout.finish] + self._fixed_cost(network)
+        return Past(cost, joined, tuple(durations))
+
+    def _impossible(self, over: Whole) -> str | None:
+        """Why these sequences cannot be, as far as that is told without times."""
+        pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
+        misfits = (stage.misfit(sequence) for stage, sequence in pairs)
+        if (reason := next(filter(None, misfits), None)) is not None:
+            return reason
+        if not self._bends(over):
+            return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
+        if self._stranded(over):
+            return "without a drive it does not come so far"
+        return self.timing.refusal(over.joined, over.joined[-1])
+
+    def _bends(self, over: Whole) -> bool:
+        """Whether the modes can bring about the shapes of the stages."""
+        stages = self.nodes.variants[over.variant][: len(over.sequences)]
+        if all(stage.bend is not None for stage in stages):
+            return True  # else one of them were a misfit
+        modes = tuple(tuple(sorted(set(filter(any, each)))) for each in over.sequences)
+        key = over.variant, modes
+        if key not in self._bending:
+            self._bending[key] = reachable([stage.change for stage in stages], modes)
+        return self._bending[key]
+
+    def _stranded(self, over: Whole) -> bool:
+        """Whether the last stage is too far away for blocks alone, and there is no drive."""
+        done, stages = len(over.sequences), self.nodes.variants[over.variant]
+        since = slice(done - stages[done - 1].since, done)
+        way = Way().then(over.sequences[since], stages[since])
+        return self.to_go.too_far(stages[done - 1], way)
+
+    # --- The stage that is open
+
+    def least(
+        self,
+        stage: StageBounds,
+        whole: ModeSequence,
+        durations: Sequence[float],
+        motion_s: float | None = None,
+    ) -> float:
+        """Transitions alone, of all phases up to those of the stage that is open.
+
+        Args:
+            stage: The stage.
+            whole: All phases so far.
+            durations: Least durations of the first phases [s].
+            motion_s: Least time in which every plan moves [s], where that is known.
+        """
+        missing = [j for j in range(len(stage.change)) if self._must_soften(stage, whole, j)]
+        onward = self._onward(stage, whole[-1], frozenset(missing))
+        if onward is not None:
+            network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
+            times = earliest_times(_timed(network, durations))
+            assert times is not None, "what is not refused has a schedule"
+            return times[network.layout.finish] + self._fixed_cost(network) + onward
+        least = self._least_time(stage, whole, durations, motion_s)
+        for j in missing:
+            first = [
+                self._least_time(stage, (*whole, mode), durations, motion_s)
+                for mode in stage.modes
+                if mode[j]
+            ]
+            least = max(least, min(first, default=math.inf))
+        return least + self._least_fixed_cost(stage, whole, missing)
+
+    def _onward(self, stage: StageBounds, mode: Mode, missing: frozenset[int]) -> float | None:
+        """Least cost of the melts and freezes on to the end of a stage, if it can be told."""
+        key = (stage, mode, missing)
+        if key not in self._onwards:
+            rigid, timing = stage.rigid, self.timing
+            usable = tuple(m for m in stage.modes if timing.refusal((m,), rigid) is None)
+            found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
+            known = (each for each in found if each is not None)
+            self._onwards[key] = min(known, default=None)
+        return self._onwards[key]
+
+    def _must_soften(self, stage: StageBounds, whole: ModeSequence, segment: int) -> bool:
+        """Whether every completion melts a segment that was solid all the time."""
+        if stage.bend is None or self.nodes.first[segment] or any(mode[segment] for mode in whole):
+            return False
+        return stage.bend.must_bend(segment)
+
+    def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
+        charge(Cost.NETWORK, len(sequence))
+        settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
+        return self.timing.network(sequence, settled, [0.0] * len(sequence))
+
+    def _least_time(
+        self,
+        stage: StageBounds,
+        sequence: ModeSequence,
+        durations: Sequence[float],
+        motion_s: float | None,
+    ) -> float:
+        """Duration of the transitions of ``sequence``, which every completion has to make too.
+
+        And of the motion of every plan, while none of them is on its plateau, if that is known.
+
+        Completions of a node append phases. Those before the melt of a segment that was solid so
+        far delay it, and the freeze after it; the other segment has to freeze in any case.
+        """
+        if self.timing.refusal(sequence, stage.rigid) is not None:
+            return math.inf
+        network = self._settling(stage, sequence)
+        times = earliest_times(_timed(network, durations))
+        if times is None:
+            return math.inf
+        least = times[network.layout.finish]
+        return max(least, motion_s + resting_s(network)) if motion_s else least
+
+    def _least_fixed_cost(
+        self, stage: StageBounds, sequence: ModeSequence, missing: list[int]
+    ) -> float:
+        """Cost of the melts and freezes of a node and of those that must still follow."""
+        cost, last = self._fixed_cost(self._settling(stage, sequence)), stage.last
+        for j in missing:  # no melt of it came before: what it takes is that from t = 0
+            mode = tuple(int(k == j) for k in range(len(stage.change)))
+            melt = self.timing.network((mode,), mode, [0.0])
+            cost += self.weights.energy_s_per_J * melt.melt_energy_J
+            cost += self.weights.transition_s * (1 + (last is not None and last[j] == 0))
+        return cost
+
+    def _fixed_cost(self, network: TemporalNetwork) -> float:
+        """Cost of melts and freezes besides the time they take."""
+        energy = self.weights.energy_s_per_J * network.melt_energy_J
+        return energy + self.weights.transition_s * network.transitions
+
+
+def _timed(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:
+    """The network with least durations of its first phases."""
+    return with_durations(network, durations) if any(durations) else network
+
+
+def lasting(
+    network: TemporalNetwork, stages: Stages, sequences: Sequence[ModeSequence]
+) -> TemporalNetwork:
+    """The network with the least durations of stages."""
+    spans = dict(_spans(network, stages, sequences))
+    return replace(network, least=network.least | spans) if spans else network
+
+
+def _spans(
+    network: TemporalNetwork, stages: Stages, sequences: Sequence[ModeSequence]
+) -> Iterator[tuple[tuple[int, int], float]]:
+    done = 0
+    for stage, sequence in zip(stages, sequences, strict=False):
+        begin, done = network.layout.end(done - 1), done + len(sequence)
+        if stage.least_s:
+            yield (begin, network.layout.end(done - 1)), stage.least_s

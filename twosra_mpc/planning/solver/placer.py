@@ -1,0 +1,280 @@
+"""Stages placed among obstacles and objects: where to reshape, grasp and put down, and the ways."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from twosra_mpc.effort import Cost, charge, out_of_effort
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.flow import Motion, joined, roll_out
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
+from twosra_mpc.planning.search.nodes import Whole
+from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, timed
+from twosra_mpc.planning.solver.itinerary import Itinerary
+from twosra_mpc.planning.solver.stage_bends import shapes, stage_bends
+from twosra_mpc.planning.solver.terminal_correction import correct_end
+from twosra_mpc.planning.stages.necessity import necessities
+from twosra_mpc.planning.stages.placements import Placement, Variant, goals_of
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid, soft_runs
+from twosra_mpc.space.drives import Drives
+from twosra_mpc.space.footprint import footprint
+from twosra_mpc.space.screws import twists
+from twosra_mpc.timing import TemporalNetwork, earliest_times
+
+Solution = TypeVar("Solution")
+Check = Callable[[Problem, Candidate | None, TemporalNetwork], tuple[float, Solution] | None]
+Bends = Sequence[Array]  # change of W in each phase of each stage
+
+_SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
+_STEP_PER_M, _STEPS = 15.0, 5  # between shapes that are tried on the way
+_MOST_WAYS, _MOST_SHAPES = 5000, 24
+_ENOUGH, _ENOUGH_OF_ALL = 2, 8  # plans of several blocks in a stage: of a sequence, of all
+_MOST_MEMBERS = 8  # of a variant, that are tried
+_SAME_PER_M, _ASKED_PER_M = 1.0, 1e-3
+_STILL = 1e-9  # m, rad or change of W
+_LEAST_BEND = 1e-3  # change of W that is more than rounding
+_LONG_S = 1e5
+
+
+class Placer(Generic[Solution]):
+    """Yields plans of one sequence of each stage among obstacles.
+
+    Soft phases without driving in between are blocks. Their bends are those of the bound; a stage
+    of several blocks takes other shapes on the way. Of a variant's members the first that has a
+    plan counts.
+
+    Args:
+        variants: The ways to solve the problem.
+        checked: Makes (cost, plan) of a candidate, or None if it does not verify.
+    """
+
+    iterations = 0
+
+    def __init__(self, variants: Sequence[Variant], checked: Check[Solution]) -> None:
+        self.variants, self._checked = variants, checked
+        self._several, self._planned = 0, False  # plans of several blocks, any plan
+        self.in_the_way = [necessities(each) for each in variants]
+        self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+    ) -> Iterator[tuple[float, Solution] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+        variant, blocks = self.variants[whole.variant], [*map(blocks_of, whole.sequences)]
+        several, hidden_s = max(blocks) > 1, hidden_by_phase_s(network)
+        placed = False
+        for shares in _SHARES[: 1 if several or not any(blocks) else None]:
+            if placed and len(blocks) > 1:  # of several stages the fastest travel that has a plan
+                return
+            for stages in variant.members[:_MOST_MEMBERS]:
+                for goals in goals_of(stages):
+                    found = 0
+                    for bends in self._ways(variant.problem, stages, goals, whole, bound):
+                        enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
+                        if enough or out_of_effort():
+                            return
+                        itinerary = Itinerary(
+                            variant.problem, stages, whole.sequences, bends, shares, self._drives_of
+                        )
+                        some = False
+                        for made in self._attempts(itinerary, network, hidden_s):
+                            some |= made is not None
+                            impossible = not some and self._proved_impossible(whole)
+                            yield made
+                            if impossible:
+                                return
+                        found += some
+                        placed |= some
+                        self._several += several and some
+                    if found:
+                        break
+
+    def _attempts(
+        self, itinerary: Itinerary, network: TemporalNetwork, hidden_s: Sequence[float]
+    ) -> Iterator[tuple[float, Solution] | None]:
+        """The plan of the best chain; where no plan is known yet, first that of the first one."""
+        best: dict[int, Array] | None = None
+        first: tuple[float, Solution] | None = None
+        for _, best in itinerary.chains(hidden_s) if itinerary.possible else ():
+            if not self._planned and (first := self._made(itinerary, best, network)):
+                self._planned, best = True, None
+                yield first
+        if best is not None or first is None:
+            yield None if best is None else self._made(itinerary, best, network)
+
+    def _made(
+        self, itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
+    ) -> tuple[float, Solution] | None:
+        candidate = _candidate(itinerary, routes, network)
+        return self._checked(itinerary.problem, candidate, network)
+
+    def _proved_impossible(self, whole: Whole) -> bool:
+        """Whether obstacles are proved to forbid a sequence, as far as is known or found now."""
+        pairs = zip(self.in_the_way[whole.variant], whole.sequences, strict=True)
+        return any(stage.proves_impossible(sequence) for stage, sequence in pairs)
+
+    def _drives_of(self, stage: Placement, shape: Array) -> Drives:
+        """Drives of a stage in a shape (n,), worked out once."""
+        key = id(stage.world), stage.held.tobytes(), shape.round(9).tobytes()
+        if key not in self._drives:
+            robot = self.variants[0].problem.robot
+            self._drives[key] = Drives(
+                robot,
+                stage.world,
+                shape,
+                held=stage.held,
+                may=stage.may,
+                sagitta_m=stage.sagitta_m,
+            )
+        return self._drives[key]
+
+    def _ways(
+        self,
+        problem: Problem,
+        stages: Sequence[Placement],
+        goals: Sequence[GoalSet],
+        whole: Whole,
+        bound: SequenceBound,
+    ) -> Iterator[Bends]:
+        """Ways to bend: as the bound does, or, in several blocks, by other shapes between them."""
+        direct = stage_bends(problem, goals, whole.sequences, bound.bends)
+        ends = shapes(problem, whole.sequences, direct)
+        if not _as_asked(problem, stages, goals, direct, ends):
+            return
+        starts = [problem.start.configuration[POSE:], *ends]
+        choices = [
+            _other_ways(problem.robot, start, sequence, bends)
+            if blocks_of(sequence) > 1
+            else [bends]
+            for start, sequence, bends in zip(starts, whole.sequences, direct, strict=False)
+        ]
+        yield from itertools.islice(itertools.product(*choices), _MOST_SHAPES)
+
+
+def _other_ways(robot: Robot, start: Array, sequence: ModeSequence, direct: Array) -> list[Array]:
+    """Bends that end as the direct ones do, by shapes in which the robot is slim."""
+    facts, runs = bending(robot), soft_runs(sequence)
+    step, free = facts.coordinate(_STEP_PER_M), _null_space(sequence)
+    origin, modes = facts.coordinates(start), np.array(sequence, dtype=float)
+    found = []
+    ways = itertools.product(range(-_STEPS, _STEPS + 1), repeat=len(free))
+    for counts in itertools.islice(ways, _MOST_WAYS):
+        charge(Cost.SHAPE)
+        bends = direct + step * np.array(counts) @ free
+        passed = origin + np.cumsum(modes * bends[:, None], axis=0)
+        shapes = np.array([facts.curvatures(w.tolist()) for w in passed])
+        stops = np.vstack([start, shapes[[run[-1] for run in runs]]])
+        changed = np.abs(np.diff(stops, axis=0)).max(axis=1).min() > _SAME_PER_M
+        if changed and _allowed(robot, shapes, stops[1:-1]):
+            width_m = max(_width_m(robot, shape) for shape in stops[1:-1])
+            found.append((width_m, float(np.abs(bends).sum()), bends))
+    found.sort(key=lambda each: each[:2])
+    return [bends for *_, bends in found[:_MOST_SHAPES]]
+
+
+def _allowed(robot: Robot, shapes: Array, driven_in: Array) -> bool:
+    if broken_by_shapes(robot, shapes) is not None:
+        return False
+    return bool(may_drive_in(robot, driven_in).all())
+
+
+def _width_m(robot: Robot, kappa: Array) -> float:
+    """Least width of the robot in a shape, to a centimetre: what passes best is tried first."""
+    corners = footprint(robot.geometry, kappa).outer.reshape(-1, 2)
+    angles = np.linspace(0.0, np.pi, 60)
+    along = corners @ np.array([np.cos(angles), np.sin(angles)])
+    return round(float(np.ptp(along, axis=0).min()), 2)
+
+
+def _candidate(
+    itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
+) -> Candidate | None:
+    """The motion of a chain on the clock; ends of goals are met exactly."""
+    problem, inputs = itinerary.problem, _inputs(network.sequence, itinerary, routes)
+    q = problem.start.configuration
+    corrected, first = list[Motion](), 0
+    for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
+        motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
+        found = correct_end(motion, stage.goal) if stage.reaches else motion
+        if found is None:
+            return None
+        corrected.append(found)
+        q, first = found.end, first + len(sequence)
+    ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
+    return timed(joined(corrected), network, problem, 0, ends)
+
+
+def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Array]) -> Array:
+    """Input displacements of every phase, (phases, intervals, 5): a leg takes an interval."""
+    legs = {phase: twists(route[:-1], route[1:]) for phase, route in routes.items()}
+    legs = {phase: by[np.abs(by).max(axis=1) > _STILL] for phase, by in legs.items()}
+    inputs = np.zeros((len(sequence), max(INTERVALS, *map(len, legs.values()), 0), 5))
+    for phase, soft in itinerary.inputs.items():
+        inputs[phase, :INTERVALS] = soft
+    for phase, by in legs.items():
+        inputs[phase, : len(by), 2:] = by
+    return inputs
+
+
+def _as_asked(
+    problem: Problem,
+    stages: Sequence[Placement],
+    goals: Sequence[GoalSet],
+    bends: Bends,
+    found: Array,
+) -> bool:
+    """Whether every stage ends in a shape of its goal, and bends if it must."""
+    for stage, goal, bend, shape in zip(stages, goals, bends, found, strict=True):
+        low, high = goal.box(problem.start.configuration)
+        off = np.maximum(low[POSE:] - shape, shape - high[POSE:])
+        rests = np.abs(bend).max(initial=0.0) < _LEAST_BEND
+        if off.max() > _ASKED_PER_M or (stage.reshapes and rests):
+            return False
+    return True
+
+
+def _null_space(sequence: ModeSequence) -> Array:
+    """Bends that change no segment in the end, in steps of one phase, (dimensions, phases)."""
+    incidence = np.array(sequence, dtype=float).T
+    found: list[Array] = []
+    for size in (2, 3, 4):
+        soft = [i for i, mode in enumerate(sequence) if not is_rigid(mode)]
+        for phases in itertools.combinations(soft, size):
+            for signs in itertools.product((-1.0, 1.0), repeat=size - 1):
+                vector = np.zeros(len(sequence))
+                vector[list(phases)] = (1.0, *signs)
+                if not (incidence @ vector).any() and _independent([*found, vector]):
+                    found.append(vector)
+    return np.array(found).reshape(-1, len(sequence))
+
+
+def _independent(vectors: Sequence[Array]) -> bool:
+    return bool(np.linalg.matrix_rank(np.array(vectors)) == len(vectors))
+
+
+def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
+    """How long each rigid phase may last without making the plan longer, alone; else 0 [s]."""
+
+    def finish(durations: Sequence[float]) -> float:
+        times = earliest_times(with_durations(network, durations))
+        return math.inf if times is None else times[network.layout.finish]
+
+    count = len(network.sequence)
+    least = finish([0.0] * count)
+    found = [0.0] * count
+    for i, mode in enumerate(network.sequence):
+        if is_rigid(mode):
+            lasting = [_LONG_S if k == i else 0.0 for k in range(count)]
+            found[i] = _LONG_S - (finish(lasting) - least)
+    return found

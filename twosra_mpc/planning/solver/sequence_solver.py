@@ -1,0 +1,274 @@
+"""Plans of one sequence of each stage where nothing is in the way: guess first, then the NLP."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from twosra_mpc.effort import out_of_effort
+from twosra_mpc.model.flow import Motion, joined
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
+from twosra_mpc.planning.search.in_the_way import InTheWay
+from twosra_mpc.planning.search.nodes import Whole
+from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, scheduled, solve, timed
+from twosra_mpc.planning.solver.gentle import cheapest
+from twosra_mpc.planning.solver.guess import (
+    bend_changes,
+    bends_around,
+    guess_motion,
+    inner_bends,
+    inner_goal,
+    moved_inside,
+    swerved,
+    turned_to_go,
+)
+from twosra_mpc.planning.solver.outcome import cost_s, verified
+from twosra_mpc.planning.solver.stage_bends import shapes, stage_bends
+from twosra_mpc.planning.solver.terminal_correction import correct_end
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.ends import may_drive
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.timing import TemporalNetwork
+
+_WIDE_PER_M = 1e-3  # around shapes that are chosen for several stages
+_ASIDE_RAD = 0.4  # of the second start of a drive
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Parts of a plan.
+
+    Attributes:
+        problem: The problem.
+        candidate: Its motion and schedule.
+        network: The temporal network of its sequence.
+        fastest_cost: What it cost before it was made gentle [s].
+        plan: The plan, once it is made; its verification says whether it is one.
+    """
+
+    problem: Problem
+    candidate: Candidate
+    network: TemporalNetwork
+    fastest_cost: float = math.inf
+    plan: Plan | None = None
+
+    def with_plan(self) -> Solved:
+        """The same with its plan, sampled and verified."""
+        if self.plan is not None:
+            return self
+        made = self.problem, self.candidate, self.network
+        return replace(self, plan=verified(*made, fastest_cost=self.fastest_cost))
+
+    @property
+    def verifies(self) -> bool:
+        """Whether its plan was made and verifies."""
+        return self.plan is not None and self.plan.verification.ok
+
+    @cached_property
+    def cost(self) -> float:
+        """What it costs [s]."""
+        return cost_s(self.problem, self.candidate, self.network)
+
+
+Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan that it is
+Check = Callable[
+    [Problem, Candidate | None, TemporalNetwork], tuple[float, Solved] | None
+]  # makes (cost, plan) of a candidate, or None
+
+
+class StageSolver(Protocol):
+    """Yields plans of one sequence of each stage: in free space, or among obstacles."""
+
+    @property
+    def in_the_way(self) -> Sequence[Sequence[InTheWay]] | None:
+        """Obstacles to each stage of every variant; None: there are none."""
+
+    @property
+    def iterations(self) -> int:
+        """Of the nonlinear programs so far."""
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+
+
+class SequenceSolver:
+    """Yields plans of one sequence of each stage where nothing is in the way."""
+
+    in_the_way = None
+
+    def __init__(self, variants: Sequence[Variant], guessed: Check | None = None) -> None:
+        self.variants, self._checked = variants, guessed or checked
+        self._of_a_goal: dict[int, GoalSolver] = {}
+
+    @property
+    def iterations(self) -> int:
+        """Of the nonlinear programs so far."""
+        return sum(each.iterations for each in self._of_a_goal.values())
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+        variant = self.variants[whole.variant]
+        if len(whole.sequences) > 1:
+            candidate = stage_by_stage(variant, network, bound, whole)
+            yield self._checked(variant.problem, candidate, network)
+            return
+        if whole.variant not in self._of_a_goal:
+            self._of_a_goal[whole.variant] = GoalSolver(variant, self._checked)
+        yield from self._of_a_goal[whole.variant](network, bound)
+
+
+class GoalSolver:
+    """Yields plans of one mode sequence: the guess and, if it is not enough, the NLP's.
+
+    Those of the NLP are verified, and guesses unless they are to be ``trusted``.
+    """
+
+    def __init__(self, variant: Variant, guessed: Check | None = None) -> None:
+        ((stage,),) = variant.members
+        self.problem = problem = variant.reaching(stage)
+        self._asked, self._guessed_plan = variant.problem, guessed or checked
+        inner = inner_goal(problem.robot, problem.goal)
+        self._box, aim = bend_changes(problem, problem.goal, inner)
+        least = np.clip(0.0, *self._box)
+        nearest = np.array([least, least])  # where a margin does not fit, bending less may
+        self._aims = (aim, nearest)
+        self.iterations = 0
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
+        problem, (guess, first) = self.problem, self._cheapest_guess(network, bound)
+        yield first
+        starts = [guess]
+        if not any(map(any, network.sequence)):
+            going = turned_to_go(guess)  # all there is to do is to drive
+            candidate = scheduled(going, network, problem, iterations=0)
+            yield self._guessed_plan(self._asked, candidate, network)
+            starts.append(going)
+            if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
+                starts.append(swerved(guess, _ASIDE_RAD))
+        for start in starts:
+            if out_of_effort():
+                return
+            candidate = solve(start, network, problem)
+            self.iterations += candidate.iterations if candidate else 0
+            yield checked(self._asked, candidate, network)
+
+    def _cheapest_guess(self, network: TemporalNetwork, bound: SequenceBound) -> Guessed:
+        """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
+        problem, sequence = self.problem, network.sequence
+        inside, nearest = (inner_bends(sequence, bound.bends, self._box, aim) for aim in self._aims)
+        drives = [i for i, usable in enumerate(self._drives(sequence)) if usable]
+        drive = drives[0] if drives else None
+        tried = [self._guessed(network, inside, drive)]
+        if tried[0][1] is None:
+            tried += [
+                self._guessed(network, bends, drive)
+                for bends in (bound.bends, nearest, bends_around(problem, sequence, inside))
+                if bends is not None and not np.array_equal(bends, inside)
+            ]
+        best = min(tried, key=_cost)
+        cost = _cost(best)
+        if math.isinf(cost) or cost - bound.cost <= problem.gap * cost:
+            return best
+        others = drives[1:] if np.array_equal(inside, bound.bends) else drives
+        more = [self._guess(network, bound.bends, other) for other in others]  # to the goal's edge
+        guess, candidate = min(more, key=lambda each: _end_s(each[1]), default=(best[0], None))
+        if _end_s(candidate) >= _end_s(best[1] and best[1][1].candidate):
+            return best
+        return min(best, (guess, self._guessed_plan(self._asked, candidate, network)), key=_cost)
+
+    def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
+        """The guess that bends as told and drives in one phase, and the plan that it is."""
+        guess, candidate = self._guess(network, bends, drive)
+        return guess, self._guessed_plan(self._asked, candidate, network)
+
+    def _guess(
+        self, network: TemporalNetwork, bends: Array, drive: int | None
+    ) -> tuple[Motion, Candidate | None]:
+        problem, sequence = self.problem, network.sequence
+        start, goal = problem.start.configuration, problem.goal
+        usable = [i == drive for i in range(len(sequence))]
+        made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
+        guess = moved_inside(made, problem)
+        return guess, scheduled(guess, network, problem, iterations=0)
+
+    def _drives(self, sequence: ModeSequence) -> list[bool]:
+        usable = may_drive(self.problem, sequence)
+        return [is_rigid(mode) and may for mode, may in zip(sequence, usable, strict=True)]
+
+
+def _end_s(candidate: Candidate | None) -> float:
+    return float(candidate.times.max()) if candidate else math.inf
+
+
+def _cost(guessed: Guessed) -> float:
+    return guessed[1][0] if guessed[1] else math.inf
+
+
+def checked(
+    problem: Problem, candidate: Candidate | None, network: TemporalNetwork
+) -> tuple[float, Solved] | None:
+    """(cost, plan) of a candidate at its durations of least cost; None if it does not verify."""
+    if (found := trusted(problem, candidate, network)) is None:
+        return None
+    made = found[1].with_plan()
+    return (made.cost, made) if made.verifies else None
+
+
+def trusted(
+    problem: Problem, candidate: Candidate | None, network: TemporalNetwork
+) -> tuple[float, Solved] | None:
+    """As ``checked``, but to be verified by whoever uses the plan."""
+    if candidate is None:
+        return None
+    found = Solved(problem, cheapest(problem, candidate, network), network)
+    return found.cost, found
+
+
+def stage_by_stage(
+    variant: Variant, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+) -> Candidate | None:
+    """One sequence of each stage, each of them as it is guessed alone.
+
+    A nonlinear program for each stage finds nothing better: what it could gain, waiting hides.
+    """
+    problem, goals = variant.problem, [stage.goal for stage in variant.members[0]]
+    bends = stage_bends(problem, goals, whole.sequences, bound.bends)
+    ends = shapes(problem, whole.sequences, bends)
+    q, motions = problem.start.configuration, list[Motion]()
+    for goal, sequence, bend, shape in zip(goals, whole.sequences, bends, ends, strict=True):
+        motion = _motion(problem, q, goal.shaped(shape, _WIDE_PER_M), sequence, bend)
+        if motion is None:
+            return None
+        motions.append(motion)
+        q = motion.end
+    stage_ends = tuple(itertools.accumulate(len(motion.sequence) for motion in motions))
+    return timed(joined(motions), network, problem, 0, stage_ends)
+
+
+def _motion(
+    problem: Problem, q: Array, goal: GoalSet, sequence: ModeSequence, bends: Array
+) -> Motion | None:
+    """A stage from a configuration to its goal; None if it does not get there."""
+    x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
+    start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
+    alone = problem.with_values(start=start, goal=goal, tasks=())
+    usable = may_drive(alone, sequence)
+    made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
+    return correct_end(moved_inside(made, alone), goal)

@@ -1,0 +1,268 @@
+"""The ways to handle objects: where to touch, grasp, put down and let go of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twosra_mpc.contact.grip import caged, pushing_cone
+from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
+from twosra_mpc.errors import InputError
+from twosra_mpc.planning.stages.placements import Placement
+from twosra_mpc.planning.stages.touch_poses import HEADINGS, Ends, placed, spread
+from twosra_mpc.planning.stages.variants import Hold, State
+from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, carries
+from twosra_mpc.problem.tolerances import TOUCHING_M
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
+from twosra_mpc.space.contour import Contour, apart_m, parts
+from twosra_mpc.space.convex import quadrangles
+
+GRASP_GAP_M = 5e-4  # between the robot and what it closes around
+_PUT_HEADINGS = 8  # of an object that is put down at any
+_MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
+_OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
+_STRAIGHT_PER_M = 1.0
+_ALIKE = 6  # decimals of m and 1/m
+
+
+class Handling:
+    """Ways to do stages that end at an object or obstacle; ``refused`` says why there are none."""
+
+    def __init__(self, problem: Problem, refused: list[str]) -> None:
+        self.problem, self.refused = problem, refused
+        self._known: dict[object, tuple[Touch, ...]] = {}
+
+    def ways(self, stage: Stage, at: State) -> Iterator[State]:
+        """Every way to do a stage."""
+        if stage.grasps is not None:
+            yield from self._grasped(stage, stage.grasps, at)
+        if stage.along is not None:
+            yield from self._conformed(stage, stage.along, at)
+        if stage.carries is not None:
+            yield from self._carried(stage, stage.carries, at)
+        if stage.releases is not None:
+            yield from self._released(stage, at)
+
+    def at_start(self) -> Hold:
+        """How the object that the start holds is held.
+
+        Raises:
+            InputError: If it is neither caged nor pushed.
+        """
+        problem, name = self.problem, self.problem.start.holding
+        assert name is not None, "only then anyone asks"
+        poses = tuple(item.pose.pose for item in problem.objects)
+        number = self._number(name)
+        q = problem.start.configuration
+        pose_in_b0 = composed(inverse(q[:POSE]), poses[number])
+        thing = problem.objects[number]
+        try:
+            proved = caged(problem.robot.geometry, q[POSE:], thing, pose_in_b0).proved
+        except InputError:
+            allowed = f"where {name} is in the robot's hand; here they overlap, or are apart"
+            where = tuple(poses[number].tolist())
+            raise InputError(f"objects.{number}.pose", where, allowed) from None
+        if not proved and not any(task.lets_go for task in problem.tasks[:1]):
+            self._check_pushed(thing, q[POSE:], pose_in_b0)
+        return Hold(number, q[POSE:], pose_in_b0, proved)
+
+    def _check_pushed(self, thing: Object, kappa: Array, pose_in_b0: Array) -> None:
+        """Refuse an object that the start holds neither by a cage nor by friction where it touches.
+
+        Raises:
+            InputError: Naming the object, and how far it is from touching.
+        """
+        geometry, contour = self.problem.robot.geometry, Contour.of(thing.at(pose_in_b0))
+        still = np.concatenate([np.zeros(POSE), kappa])[None]
+        moved = (None, *range(geometry.segments))
+        found = [np.min(apart_m(geometry, contour, parts(geometry, still, j))) for j in moved]
+        if (nearest_m := float(min(found))) > TOUCHING_M:
+            why = f"it is {1e3 * nearest_m:z.3g} mm from touching, and no cage is proved"
+        elif thing.friction is None:
+            why = "no cage is proved, and it has no friction to be pushed by"
+        else:
+            return
+        held = f"an object in a cage, or one that touches and has friction; {thing.name}: {why}"
+        raise InputError("start.holding", thing.name, held)
+
+    def _number(self, name: str) -> int:
+        return [item.name for item in self.problem.objects].index(name)
+
+    def holding(self, placement: Placement, hold: Hold) -> Placement:
+        """The stage with an object in hand."""
+        thing, robot = self.problem.objects[hold.number], self.problem.robot
+        pieces, may = quadrangles(thing.at(hold.pose_in_b0)), None
+        if not hold.caged:
+            where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
+            may = pushing_cone(*where, thing.friction or 0.0).holds
+        return replace(placement, held=pieces, may=may)
+
+    def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
+        """The stages that end in each touch that holds an object as asked."""
+        number = self._number(task.object)
+        thing = self.problem.objects[number]
+        for touch in self._grasps(thing, task):
+            ends = placed(touch, at.poses[number], thing, task.directions_rad)
+            if not len(ends.poses):
+                continue
+            placement = self._touching(at, stage, _shape(touch.kappa), ends)
+            if task.hold == "caged":  # it gets in no more than out
+                entries = tuple(self._opened(touch.kappa, share) for share in _OPEN)
+                placement = replace(placement, reshapes=True, entries=entries)
+            apart = thing.disc is not None and self._turned_as_asked(task.object)
+            for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
+                after = at.after(replace(placement, ends=some))
+                where = composed(inverse(some[0]), at.poses[number]) if apart else None
+                pose_in_b0 = touch.pose_in_b0 if where is None else where
+                hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
+                yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _touching(self, at: State, stage: Stage, shape: Goal, ends: Ends) -> Placement:
+        """The stage that ends in touch with a thing: there it bends, and drives no more."""
+        return Placement(
+            stage,
+            shape,
+            at.world(self.problem, stage.touches),
+            ends=ends.poses,
+            within_m=ends.within_m,
+            drives_last=False,
+        )
+
+    def _turned_as_asked(self, name: str) -> bool:
+        """Whether an object is to be carried to a heading."""
+        own = (task for task in carries(self.problem.tasks).values() if task.object == name)
+        return any(task.phi_rad is not None for task in own)
+
+    def _grasps(self, thing: Object, task: Grasp) -> tuple[Touch, ...]:
+        """Touches that hold an object as asked, a few of each shape."""
+        key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold
+        if key in self._known:
+            return self._known[key]
+        found = grasp_touches(self.problem.robot, thing, GRASP_GAP_M)
+        touches = list(found.touches)
+        if task.hold == "caged":
+            geometry = self.problem.robot.geometry
+            touches, known = [], dict[object, bool]()
+            for number, each in enumerate(found.touches):
+                if touches and number >= _MOST_TESTED:
+                    break
+                corners = thing.at(each.pose_in_b0).corners_m.round(_ALIKE)
+                alike = tuple(each.kappa.round(_ALIKE)), frozenset(map(tuple, corners))
+                if alike not in known:
+                    known[alike] = caged(geometry, each.kappa, thing, each.pose_in_b0).proved
+                if known[alike]:
+                    touches.append(each)
+        if not touches:
+            self.refused.append(_no_grasp(task, found))
+        self._known[key] = tuple(_a_few(touches))
+        return self._known[key]
+
+    def _carried(self, stage: Stage, task: Carry, at: State) -> Iterator[State]:
+        """The stages that end with what is held at a pose."""
+        hold = at.hold
+        assert hold is not None, "checked with the problem"
+        thing = self.problem.objects[hold.number]
+        headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
+        if task.phi_rad is None:
+            count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
+            headings, step_rad = spread((-math.pi, math.pi), count)
+        poses = np.column_stack(
+            [np.full_like(headings, task.x_m), np.full_like(headings, task.y_m), headings]
+        )
+        ends = composed(poses, inverse(hold.pose_in_b0))
+        together = thing.disc is not None and task.phi_rad is None
+        for some in [ends] if together else [end[None] for end in ends]:
+            placement = Placement(
+                stage,
+                _shape(hold.kappa),
+                at.world(self.problem),
+                ends=some,
+                within_m=step_rad * float(np.hypot(*hold.pose_in_b0[:2])),
+            )
+            yield at.after(self.holding(placement, hold))
+
+    def _released(self, stage: Stage, at: State) -> Iterator[State]:
+        """Let go: a caged object by opening all around it, by so much at least."""
+        hold, free = at.hold, at._replace(hold=None)
+        assert hold is not None, "checked with the problem"
+        first, *others = (
+            (self._opened(hold.kappa, share) for share in _OPEN)
+            if hold.caged
+            else [Anywhere(mode=self.problem.robot.rigid)]
+        )
+        placement = Placement(
+            stage,
+            first,
+            free.world(self.problem, stage.touches),
+            drives_first=False,
+            reshapes=hold.caged,
+            openings=tuple(others),
+            away=free.world(self.problem),
+        )
+        yield free.after(placement)
+
+    def _opened(self, kappa: Array, share: float) -> Goal:
+        """Shapes in which bent segments have no more than a share of their curvature."""
+        limit = self.problem.robot.limits.curvature_per_m
+        middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)
+        for j in np.flatnonzero(np.abs(kappa) > _STRAIGHT_PER_M).tolist():
+            ends = sorted((share * float(kappa[j]), -math.copysign(limit, kappa[j])))
+            middle[j], width[j] = sum(ends) / 2, (ends[1] - ends[0]) / 2
+        return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width)))
+
+    def _conformed(self, stage: Stage, task: Conform, at: State) -> Iterator[State]:
+        """The stages that end with segments along a thing."""
+        names = [item.name for item in self.problem.objects]
+        if task.object in names:
+            number = names.index(task.object)
+            thing, pose = self.problem.objects[number].own, at.poses[number]
+        else:
+            world = self.problem.world
+            thing = world.obstacles[world.names.index(task.object)]
+            pose = np.zeros(POSE)
+        found = conform_touches(self.problem.robot, thing, task.segments, task.gap_m)
+        if not found.touches:
+            reasons = "; ".join(found.refused)
+            self.refused.append(f"nothing conforms to {task.object}: {reasons}")
+        for touch in _a_few(found.touches):
+            ends = placed(touch, pose, thing, task.directions_rad)
+            if not len(ends.poses):
+                continue
+            shape = _shape(touch.kappa, touch.slack_per_m)
+            after = at.after(self._touching(at, stage, shape, ends))
+            yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))
+
+
+def _shape(kappa: Array, slack_per_m: Array | float = 0.0) -> Goal:
+    """A shape to end in, wherever; by how much less each segment may bend."""
+    looser = kappa - np.sign(kappa) * slack_per_m
+    middle = [None if math.isnan(k) else k for k in ((kappa + looser) / 2).tolist()]
+    width = tuple(np.nan_to_num(np.abs(kappa - looser) / 2).tolist())
+    return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=width))
+
+
+def _a_few(touches: Sequence[Touch]) -> Iterator[Touch]:
+    """At most so many of each shape, evenly."""
+    groups: dict[tuple[float, ...], list[Touch]] = {}
+    for touch in touches:
+        groups.setdefault(tuple(np.nan_to_num(touch.kappa).round(2).tolist()), []).append(touch)
+    for group in groups.values():
+        yield from group[:: max(1, -(-len(group) // _MOST_TOUCHES))]
+
+
+def _no_grasp(task: Grasp, found: TouchSet) -> str:
+    """Why an object cannot be held as asked."""
+    if not found.touches:
+        return f"nothing closes around {task.object}: {', '.join(found.refused)}"
+    wrap = math.degrees(found.best_wrap_rad)
+    return (
+        f"nothing cages {task.object}; the best touch embraces {wrap:z.0f} degrees of it: "
+        'ask for hold = "pushed"'
+    )
