@@ -14,7 +14,8 @@ from typing import Literal
 
 from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
-from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
+from twosra_mpc.execution.healthy_segments import Heat
+from twosra_mpc.execution.heat_belief import UNLIKE_K, HeatBelief, heat_belief
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
@@ -44,14 +45,12 @@ _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
-_SMOOTH_S = 5.0  # over which readings are averaged, off which noise is counted
-_OFF_K = 1.0  # so far above its set-point no switch lets current flow
-_OFF_S = 20.0  # after which no sensor rises any more
-_FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
-_TURNS, _TIMES_STEADY = 12, 5.0  # up and down is noise; so long as ever before: coarse digits
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
-_CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
+_UNLIKE_S = 4.0  # after which a reading that no healthy segment shows is not believed
+_EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
+_HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
+_EDGE = 0.4  # share of a period within which a switch, or a current, changed
 _MORE_K = 3.0  # as much as a sensor may show too much
 
 
@@ -128,18 +127,16 @@ class SegmentWatch:
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater, self._air_C, self.doubted = robot.heater, air_C, False
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
+        self._start_C = air_C if start_C is None else start_C
         self.belief: HeatBelief | None = None
         if robot.describes_heat and reports:
-            begun_C = air_C if start_C is None else start_C
-            self.belief = heat_belief(robot, air_C, segment, begun_C)
-            self._model = segment_model(robot, air_C, segment)
-            self._liquid_above_C = stiffness_rule(robot, air_C, segment).liquid_above_C
+            self.belief = heat_belief(robot, air_C, segment, self._start_C)
         self._asked: Asked = "rigid"
         self._stretch, self._begun_s = _Stretch(), dict[str, tuple[float, float]]()
-        self._hot, self._last_C, self._smooth_C, self._coldest_C = 0, math.inf, math.nan, _COLDEST_C
+        self._hot, self._last_C, self._coldest_C = 0, math.inf, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
-        self._molten, self._before_C = False, math.inf
-        self._flicker_K, self._turns, self._steady_s = 0.0, 0, 0.0
+        self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
+        self._was, self._heat = 0.0, Heat(0.0, 0.0)
 
     @property
     def may_be_soft(self) -> bool:
@@ -186,12 +183,10 @@ class SegmentWatch:
         """
         asked = self._asked_by(setpoint_C)
         if asked != self._asked or math.isnan(self._stretch.since_s):
-            if self._asked == "warm" and current_A is None and self.belief is not None:
-                self.belief = self.belief.unsure()
             self._asked, self._stretch = asked, _Stretch(time_s, time_s)
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
-        off = self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
+        self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
         if not sound:
             return
         self._check_life(time_s, temperature_C, (self._before_C, self._last_C))
@@ -206,8 +201,7 @@ class SegmentWatch:
         self._check_heat(time_s - stretch.since_s, temperature_C, min(pair_C) - stretch.lowest_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         if self.belief is not None:
-            self._check_fall(time_s, temperature_C, off)
-            self._check_belief(time_s, temperature_C, self.belief)
+            self._check_likeness(time_s, temperature_C, self.belief)
         heats = self.allowed_C(setpoint_C) >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
         self._check_progress(time_s, temperature_C, stiffness, heats)
@@ -226,29 +220,39 @@ class SegmentWatch:
 
     def _account_for(
         self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
-    ) -> bool:
-        """Account for the heat of the time that has passed; whether the heater was off for sure."""
+    ) -> None:
+        """Account for the heat of the time that has passed."""
         passed_s = 0.0 if math.isnan(self._taken_s) else time_s - self._taken_s
-        self._taken_s = time_s
-        heater, in_force_C = self._heater, self.allowed_C(setpoint_C)
-        known_C = self._last_C if math.isfinite(self._last_C) else shown_C
-        if shown_C is not None:
-            new, kept = math.isnan(self._smooth_C), math.exp(-passed_s / _SMOOTH_S)
-            self._smooth_C = shown_C if new else shown_C + (self._smooth_C - shown_C) * kept
-        if self.belief is not None and known_C is not None:
-            here_C = known_C if setpoint_C >= heater.soft_setpoint_C else self.belief.at_least_C
-            heats = in_force_C > heater.rigid_setpoint_C and here_C < in_force_C
-            flowed_A = heater.melt_current_A * heats if current_A is None else current_A
-            held = self.belief.melted and known_C >= self._liquid_above_C
-            belief = self.belief.advance((0.0 if held else flowed_A, flowed_A), passed_s)
-            self.belief = belief if shown_C is None else belief.take(shown_C)
-            called = self._asked == "soft" and self.belief.may_be_liquid
-            called_s = self._lasts_s("called", called, time_s)
-            sure = self._molten or self.belief.surely_liquid
-            self._molten = called and (called_s >= self._longest_s["soft"] or sure)
-        if current_A is not None or in_force_C <= heater.rigid_setpoint_C:
-            return not current_A
-        return self._last_C >= in_force_C + _OFF_K
+        first, self._taken_s = math.isnan(self._taken_s), time_s
+        if self.belief is None:
+            return
+        if first and shown_C is not None:
+            self.belief = self.belief.begun(shown_C, self._start_C)
+        self._heat = self._heat.then(self._heat_of(passed_s, setpoint_C, shown_C, current_A))
+        if first or self._heat.passed_s >= _EVERY_S:
+            self.belief, self._heat = self.belief.take(self._heat, shown_C), Heat(0.0, 0.0)
+        called = self._asked == "soft" and self.belief.may_be_liquid
+        called_s = self._lasts_s("called", called, time_s)
+        sure = self._molten or self.belief.surely_liquid
+        self._molten = called and (called_s >= self._longest_s["soft"] or sure)
+
+    def _heat_of(
+        self, passed_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
+    ) -> Heat:
+        """Heat since the last reading: as told, or by a switch at the set-point in force."""
+        heater, sent_C = self._heater, self.allowed_C(setpoint_C)
+        now_C = self._last_C if shown_C is None else shown_C
+        soft, before_C = self._asked == "soft", min(self._last_C, _HOTTEST_C)
+        if current_A is not None:
+            was, self._was = self._was, (current_A / heater.melt_current_A) ** 2
+            return Heat(passed_s, (was + self._was) / 2, abs(self._was - was) * _EDGE)
+        if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
+            held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
+            return Heat(passed_s, 0.0, held_C=now_C if held else math.nan)
+        low_C, high_C = sorted((before_C, now_C))
+        if high_C <= sent_C:
+            return Heat(passed_s, 1.0, warm=not soft)
+        return Heat(passed_s, (sent_C - low_C) / (high_C - low_C), _EDGE, not soft)
 
     def _jumped(self, time_s: float, here_C: float) -> bool:
         """Whether metal cannot have warmed or cooled so fast; not for long."""
@@ -265,7 +269,7 @@ class SegmentWatch:
         return jumped
 
     def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
-        """A sensor that flickers far more than any, or not at all after it always has."""
+        """A sensor that flickers far more than any."""
         if math.isfinite(pair_C[0]):
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
             self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
@@ -273,70 +277,36 @@ class SegmentWatch:
             self._raise(
                 "sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
             )
-        same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
-        if same_s < 0.0:
-            regulated = here_C >= self._heater.melting_point_C + _OFF_BY_K / 2
-            turned = (here_C - pair_C[1]) * (pair_C[1] - pair_C[0]) < 0.0
-            self._turns += turned and not regulated
-        elif self._turns < _TURNS:
-            self._steady_s = max(self._steady_s, same_s)
-        elif same_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
-            words = f"{here_C:z.2f} C for {same_s:z.0f} s"
-            self._raise("sensor", f"{words}: its sensor shows the same all the time")
 
-    def _check_fall(self, time_s: float, here_C: float, off: bool) -> None:
-        """A reading of warm metal that does not fall although its heater is off."""
-        here, heater, then_C = self._smooth_C, self._heater, -math.inf
-        if here >= self._liquid_above_C:
-            then_C = heater.melting_point_C + _OFF_BY_K
-        freezes = heater.melting_point_C - _SURELY_SOLID_K < here < self._liquid_above_C
-        off_s = self._lasts_s("off", off and not freezes, time_s)
-        since_s = self._lasts_s("lagged", off_s >= _OFF_S, time_s, here)
-        if since_s < _CAUGHT_UP_S:
+    def _check_likeness(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
+        """A reading that no healthy segment shows after so much heat."""
+        unlike_s = self._lasts_s("unlike", belief.off_K > UNLIKE_K, time_s, here_C)
+        if unlike_s < _UNLIKE_S:
             return
-        hot_C = self._begun_s["lagged"][1]
-        cooled = self._model.propagate(self._model.initial(hot_C), 0.0, since_s)
-        most_K, fell_K = hot_C - max(self._model.temperature_C(cooled), then_C), hot_C - here
-        if most_K < _FALLS_K or fell_K >= _SLOW_SHARE * most_K:
-            del self._begun_s["lagged"]  # and is looked at anew
-            return
-        words = f"{here_C:z.1f} C, {fell_K:z.1f} K down in {since_s:z.0f} s, its heater off"
-        if abs(fell_K) < _SAME_K:
-            self._raise("sensor", f"{words}: its sensor shows the same all the time")
-        if self._asked == "rigid" and fell_K > 0:
-            self._raise("cooling", f"{words}: it cools too slowly")
-        self._raise("sensor", f"{words}: its sensor shows too much")
-
-    def _check_belief(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
-        """A reading that the heat that was let in contradicts."""
-        solid_C, stretch = self._heater.melting_point_C - _SURELY_SOLID_K, self._stretch
-        early = here_C < solid_C <= stretch.hottest_C and belief.half_molten
-        if self._lasts_s("early", early, time_s) >= _LAGGED_S:
-            words = f"{here_C:z.1f} C, too early for metal"
-            self._raise("sensor", f"{words}: its sensor shows too little")
-        melts = self._asked == "soft"
-        unlike_s = self._lasts_s("unlike", melts and belief.unlike, time_s)
-        little_s = self._lasts_s("little", melts and here_C < belief.shows_at_least_C, time_s)
-        due = melts and (belief.overdue or ("due" in self._begun_s and not belief.melted))
-        heat = f"heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
-        words = f"{here_C:z.1f} C after {heat}"
-        if (
-            max(unlike_s, little_s) >= _CONTRADICTED_S
-            or self._lasts_s("due", due, time_s) >= _OFF_S
-        ):
-            if here_C < stretch.coldest_C + _WARMED_K:
+        low_C, high_C = belief.shows_C
+        words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
+        risen_K = here_C - self._begun_s["unlike"][1]
+        if here_C < low_C:
+            cold_C = self._stretch.coldest_C if self._asked == "soft" else self._air_C
+            if (
+                abs(risen_K) < _WARMED_K
+                and here_C < cold_C + _WARMED_K
+                and here_C > self._air_C - _WARMED_K
+            ):
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-            if due and solid_C <= here_C < self._liquid_above_C:
-                self._raise("heater", f"{words}: a dead heater, or a sensor that is stuck")
-            what = (
-                "its sensor lies, or its firmware regulates (then hold_duty = 1 in the robot file)"
-            )
-            self._raise("sensor", f"{words}: {what}")
-        much_s = self._lasts_s("much", melts and here_C > belief.shows_at_most_C, time_s)
-        early = melts and here_C >= self._liquid_above_C and not belief.may_be_liquid
-        if much_s >= _CONTRADICTED_S or self._lasts_s("soft", early, time_s) >= _CAUGHT_UP_S:
-            self._raise("sensor", f"{here_C:z.1f} C after {heat}: its sensor shows too much")
+            if self._asked == "soft":
+                what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
+                self._raise("sensor", f"{words}: its sensor lies, {what}")
+        if here_C > high_C and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
+            if risen_K > 0.0 and self._asked == "rigid":
+                self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
+            if risen_K > 0.0 and here_C > self._heater.soft_setpoint_C + _HELD_K:
+                self._raise("hot", f"{words}: its heater does not go off")
+            if self._asked == "rigid":
+                self._raise("cooling", f"{words}: it cools too slowly")
+        much = "much" if here_C > high_C else "little"
+        self._raise("sensor", f"{words}: its sensor shows too {much}")
 
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None

@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 State = tuple[float, ...]
+Array = NDArray[np.float64]
 # A number, or one for each of many times: what is asked for many times at once is not asked often.
 Values = TypeVar("Values", float, NDArray[np.float64])
 
@@ -73,6 +74,12 @@ class SegmentModel(Protocol):
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until the level is first reached [s]; inf if never."""
+
+    def rates(self, state: tuple[Array, ...], current_A: Array | float) -> tuple[Array, ...]:
+        """Rates of the state's values, of many segments as one whose parameters are arrays."""
+
+    def as_in(self, other: Self, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        """State here of segments as warm and as far molten as those of another model."""
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
         """Heater power."""

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from twosra_mpc.thermal.model import State, Values, crossing, exponential
+from twosra_mpc.thermal.model import Array, State, Values, crossing, exponential
 
 _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
 
@@ -81,6 +81,17 @@ class TwoNode:
         if isinstance(share, np.ndarray):
             return np.clip(share, 0.0, 1.0)
         return min(1.0, max(0.0, share))
+
+    def rates(self, state: tuple[Array, ...], current_A: Array | float) -> tuple[Array, ...]:
+        """Return the rates of both temperatures [K/s]; parameters may be arrays, too."""
+        flow = self.coupling_per_s * (state[0] - state[1])
+        body = flow / self.body_ratio - self.body_loss_per_s * (state[1] - self.ambient_C)
+        return self.power_K_per_s * (current_A / self.full_current_A) ** 2 - flow, body
+
+    def as_in(self, other: TwoNode, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Return the state here of a segment as warm as another: the same."""
+        del other
+        return state
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
         """Heater power at this current; its coil is taken to keep its resistance."""
