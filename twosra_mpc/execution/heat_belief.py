@@ -1,188 +1,431 @@
-"""Belief about the heat of a segment: the healthy segments that would have shown what it showed.
+"""Belief about the heat of a segment: a moving horizon estimate of its kind and of its metal.
 
-Healthy segments of every kind are warmed by the heater's known current beside the true one.
-Whichever shows something else is replaced by one like those that are left, so all that a robot has
-shown is known: the power of its heater, its latent heat, its loss, the lag of its sensor. Metal is
-as hot as the hottest of those that are left, liquid where one of them is, and liquid for sure where
-all are. Where none of them is like a reading, the heater is off; and once from one rest to the next
-others are looked for that would have shown everything since. Such others are bounded by what was
-shown before, else a sensor that sticks would be explained until the metal is too hot.
+A segment warms without chance, as its parameters have it: its heater's power, its latent heat, its
+loss, the lag of its sensor. Their most probable values given all readings since the metal last was
+at rest are found by Gauss-Newton steps, within the ranges of healthy robots; what was known before
+is the prior. Beside the segment itself one more is warmed for each parameter, a little off: their
+differences are the sensitivities of readings and metal, which also give the covariance. Where no
+healthy segment would have shown what was shown, the heater is off.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twosra_mpc.execution.healthy_segments import HealthySegments, Heat, healthy_segments
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.thermal.model import Array
+from twosra_mpc.robot.description import Robot, segment_model
+from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
+from twosra_mpc.thermal.uncertainty import healthy_ranges
 
-UNLIKE_K = 1.1  # off by more is no healthy segment: of nearly all, one is nearer than 0.4 K
-_DOUBT_K = 0.7  # off by more, the heater waits
-_FITS_K, _AS_WELL = 0.45, 1.4  # so far off at most, or so many times as far as the best, it is left
-_FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
-_FORGET_UNKNOWN_S = 15.0  # of heat that nobody knows, over which a search forgets it
-_RENEWED = 0.4  # share of those left below which the others are replaced
-_LEARNED, _UNLEARNED = 0.1, 0.1  # of what others are not, the new are not; but near them
-_SPREAD, _LEAST_SPREAD = 0.3, 0.003  # of the new: of those left, and of the ranges
-_NEARER = 1 - math.sqrt(1 - _SPREAD**2)  # by which they are drawn in: as widely spread as before
-_METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
+UNLIKE_K = 1.1  # a mean reading farther off is none of a healthy segment
+_DOUBT_K = 0.7  # farther off, the heater waits
+_NOISE_K = 0.5  # of one reading a second: neighbours err alike
+_PRIOR = 0.6  # standard deviation of what is equally likely from -1 to 1
+_WIDEST = 1.05  # times the ranges: segments at their ends
+_STEP = 0.1  # by which the others are off
+_SURELY = 2.5  # standard deviations
+_MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF, _START_OFF_K = 1.0, 2.0, 0.03, 1.0
+_LAGS, _LAG_SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in the first of two
+_WARM_OFF_K = 3.0  # of metal that is said to be warm
+_SOLID_K = 5.0  # below the melting point a reading is of solid metal
+_HELD_S = 3.0  # in which a switch brings metal back to its set-point
+_STEP_S = 0.5  # the fastest metal warms by 1 K in it
+_MEMORY_S = 200.0  # of currents that are known to a second only
+_MEAN = 3.0  # readings of which the mean distance counts
+_SHARES, _APART = (0.0, 0.25, 0.5, 1.0), (-0.6, -0.2, 0.2, 0.6)
+_DEVIATIONS = (-3.0, -1.5, -0.5, 0.5, 1.5, 3.0)
+_FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # steps of a Gauss-Newton step that is made; readings to the next
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
-_QUIET_S = 30.0  # after which a sensor shows metal without its heater
-_MOST = 2000  # readings that are remembered: half an hour
-_ROUNDS, _ELITE = 6, 10  # of a search; one of so many is among the best, as others are drawn
-_NEAR, _OVER = 0.1, 1.2  # spread of the first: of the ranges; of the others: of the best
+_QUIET_S = 60.0  # after which metal is at rest
+_MOST = 1800  # readings that are remembered
+_EPS = 1e-6
+
+
+class Heat(NamedTuple):
+    """Heat of a heater from one reading to the next.
+
+    Attributes:
+        passed_s: Time.
+        share: Share of full power.
+        unknown: By how much more or less that may be.
+        warm: Whether this was metal to be kept warm, not molten: not every firmware does.
+        held_C: Reading about which a switch holds metal, with a share nobody knows; or NaN.
+    """
+
+    passed_s: float
+    share: float
+    unknown: float = 0.0
+    warm: bool = False
+    held_C: float = math.nan
+
+    def then(self, later: Heat) -> Heat:
+        """Heat of both times."""
+        passed_s = self.passed_s + later.passed_s
+        if self.passed_s == 0.0 or later.passed_s == 0.0:
+            return later if self.passed_s == 0.0 else self
+        part = later.passed_s / passed_s
+        share = self.share + part * (later.share - self.share)
+        unknown = self.unknown + part * (later.unknown - self.unknown)
+        held_C = math.nan if math.isnan(self.held_C) else later.held_C
+        return Heat(passed_s, share, unknown, later.warm, held_C)
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """Kinds of healthy segments, each parameter from -1 to 1 over its range.
+
+    Attributes:
+        nominal: The segment as described.
+        full_A: Full current.
+        names: Those of the model.
+        middle: Of the model's, of the air, of the sensor's gain, lag and share of it in the first
+            of two, of whether firmware keeps metal warm, and of the start, (p,).
+        half: Half of each range, (p,).
+    """
+
+    nominal: SegmentModel
+    full_A: float
+    names: tuple[str, ...]
+    middle: Array
+    half: Array
+
+
+class Course(NamedTuple):
+    """Segments that are warmed side by side: the first, and one a little off for each parameter.
+
+    Attributes:
+        model: All as one, whose parameters are arrays (1 + p,).
+        sensor: Gains, lags (2, 1 + p), and shares of heat to keep warm.
+        parameters: Of each, (1 + p, p).
+        state: Of the metal, each (1 + p,), as the nominal model's.
+        lag_C: Of the sensor, (2, 1 + p).
+    """
+
+    model: SegmentModel
+    sensor: tuple[Array, Array, Array, Array]
+    parameters: Array
+    state: tuple[Array, ...]
+    lag_C: Array
 
 
 @dataclass(frozen=True, eq=False)
 class HeatBelief:
-    """Healthy segments and what was shown; a value, which ``take`` replaces.
+    """Estimate of a segment; a value, which ``take`` replaces.
 
     Attributes:
-        all: The segments.
-        low: Least values of those that replace others, (p, 1).
-        high: Largest; what a robot has shown draws both nearer.
+        kinds: Of healthy segments.
         cut_C: Temperature of the hottest from which on the heater is off.
-        cut: Whether the heater must be off, whatever a reading says.
-        start: The segments when the metal was last surely solid, its heater off for a while.
-        since: Heat and readings since.
+        begun_C: Temperature of the metal and the sensor at the start.
+        prior: Most probable parameters before, (p,).
+        precision: Inverse of their covariance, (p, p).
+        about: Parameters about which all is linear, (p,).
+        course: Segments with these.
+        hessian: Of the readings since, (p, p).
+        gradient: Of the readings since, (p,).
+        since: Heat and readings since the start.
+        off_K: Mean distance of the last readings from the most probable.
+        change: Gauss-Newton step from there, (p,).
         quiet_s: Time for which the heater has been off.
-        looked: Whether others were looked for since then.
+        again: Readings until a step may be made.
+        cut: Whether the heater must be off, whatever a reading says.
     """
 
-    all: HealthySegments
-    low: Array
-    high: Array
+    kinds: Kinds
     cut_C: float
-    start: HealthySegments
-    cut: bool = False
+    begun_C: tuple[float, float]
+    prior: Array
+    precision: Array
+    about: Array
+    course: Course
+    hessian: Array
+    gradient: Array
+    change: Array
     since: tuple[tuple[Heat, float | None], ...] = ()
+    mean_K: float = 0.0
     quiet_s: float = 0.0
-    looked: bool = False
+    again: int = 0
+    cut: bool = False
+    bounds: tuple[float, float] = (-math.inf, -math.inf)
+    shows_C: tuple[float, float] = (0.0, 0.0)
+    metal_C: tuple[float, float] = (0.0, 0.0)
 
     @property
     def off_K(self) -> float:
         """Distance of the readings from those of the most similar healthy segment."""
-        return float(self.all.worst_K.min())
-
-    @property
-    def left(self) -> NDArray[np.bool_]:
-        """Which are left, (n,)."""
-        return self.all.worst_K <= max(_FITS_K, _AS_WELL * self.off_K)
-
-    @property
-    def shows_C(self) -> tuple[float, float]:
-        """Lowest and highest reading of those that are left."""
-        shown_C = self.all.lag_C[1][self.left]
-        return float(shown_C.min()), float(shown_C.max())
-
-    @property
-    def metal_C(self) -> tuple[float, float]:
-        """Coldest and hottest metal of those that are left."""
-        metal_C = self.all.metal_C[self.left]
-        return float(metal_C.min()), float(metal_C.max())
+        return abs(self.mean_K)
 
     @property
     def may_be_liquid(self) -> bool:
-        """Whether one of those that are left is liquid."""
-        return bool(self.all.liquid[self.left].any())
+        """Whether the metal may be liquid."""
+        return self.bounds[1] >= self.kinds.nominal.liquid_level
 
     @property
     def surely_liquid(self) -> bool:
-        """Whether all that are left are liquid."""
-        return bool(self.all.liquid[self.left].all())
+        """Whether the metal is liquid for sure."""
+        return self.bounds[0] >= self.kinds.nominal.liquid_level
 
     def begun(self, shown_C: float, start_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        start = self.all.begun(shown_C, start_C)
-        return replace(self, all=start, start=start)
+        solid_C = thresholds_C(self.kinds.nominal)[0] - _SOLID_K
+        metal_C = shown_C if shown_C < solid_C else start_C
+        half = self.kinds.half.copy()
+        half[-1] = _START_OFF_K if shown_C < solid_C else _WARM_OFF_K
+        now = replace(self, kinds=replace(self.kinds, half=half), begun_C=(metal_C, shown_C))
+        return now._again_about(self.about)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Warm all, and compare them with a reading, if there is one."""
-        now = replace(self, all=self.all.warmed(heat))
+        """Warm the segment, and compare it with a reading, if there is one."""
+        quiet_s = 0.0 if heat.share or not math.isnan(heat.held_C) else self.quiet_s + heat.passed_s
+        now = replace(self, since=(*self.since, (heat, shown_C)), quiet_s=quiet_s)
+        now = now._with(heat, shown_C)
         if shown_C is None:
-            return now._remembering(heat, shown_C)
-        compared = now.all.compared(shown_C, math.exp(-heat.passed_s / _FORGET_S))
-        now = replace(now, all=compared)._remembering(heat, shown_C)
-        if now.off_K > UNLIKE_K and not now.looked:
-            now = now._looked_for()
-        return (now._renewed() if now.left.mean() < _RENEWED else now)._judged()
+            return now
+        now = now._solved()
+        far_off = now.off_K > _FAR_K
+        far = far_off or np.abs(now.change).max() > _FAR * _STEP
+        if now.again <= 0 and far or (far_off and now.again <= len(now.since) // 20 - _OFTEN):
+            now = now._again_about(now._best())._solved()
+            now = replace(now, again=_OFTEN if far_off else max(_OFTEN, len(now.since) // 20))
+        now = replace(now, again=now.again - 1)._judged(shown_C)
+        at_rest = shown_C < thresholds_C(self.kinds.nominal)[0] - _SOLID_K and now.off_K < _DOUBT_K
+        if (now.quiet_s >= _QUIET_S and at_rest) or len(now.since) >= _MOST:
+            return now._rested(shown_C)
+        return now
 
-    def _remembering(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Remember a reading, or begin with it where it is surely of solid metal."""
-        quiet_s = 0.0 if heat.share or heat.unknown else self.quiet_s + heat.passed_s
-        fits = shown_C is not None and shown_C < self.all.kinds.solid_C and self.off_K <= _FITS_K
-        now = replace(self, quiet_s=quiet_s)
-        if (fits and quiet_s >= _QUIET_S) or len(self.since) >= _MOST:
-            return replace(now, start=self.all, since=(), looked=False)
-        return replace(now, since=(*self.since, (heat, shown_C)))
+    @property
+    def most_probable(self) -> Array:
+        """Parameters, (p,)."""
+        return self.about + self.change
 
-    def _looked_for(self) -> HeatBelief:
-        """Look for healthy segments that would have shown all since the metal was solid.
+    def _best(self) -> Array:
+        """Most probable of some parameters: Gauss-Newton steps, in doubt about them, too."""
+        steps = self.about + np.outer(_SHARES, self.change)
+        spread, axes = np.linalg.eigh(np.linalg.inv(self.hessian + self.precision))
+        axes = (axes * np.sqrt(spread)).T
+        apart = [np.outer(_DEVIATIONS, axis) for axis in axes]
+        apart += [np.outer(_APART, row) for row in np.eye(len(self.about))]
+        tried = np.vstack([steps, *(steps[-1] + one for one in apart)])
+        tried = np.clip(tried, -_WIDEST, _WIDEST)
+        course, off = _course(self.kinds, tried, self.begun_C), tried - self.prior
+        costs = np.zeros(len(tried))
+        for heat, shown_C in self.since:
+            course = _warmed(self.kinds, course, heat) if heat.passed_s else course
+            if shown_C is not None:
+                costs *= math.exp(-heat.passed_s / _MEMORY_S)
+                costs += heat.passed_s * np.square((course.lag_C[1] - shown_C) / _NOISE_K)
+        costs += np.einsum("ni,ij,nj->n", off, self.precision, off)
+        best: Array = tried[costs.argmin()]
+        return best
 
-        By the cross-entropy method: of those drawn within what was shown before and near those
-        that are left, the best are kept, and others drawn as they are spread, some times.
-        """
-        rng, (parts, count) = self.all.rng(1), self.all.values.shape
-        width, left = self.high - self.low, np.flatnonzero(self.left)
+    def _again_about(self, about: Array) -> HeatBelief:
+        """Warm segments with other parameters by all heat since the start."""
+        size = len(about)
+        now = replace(
+            self,
+            about=about,
+            course=_course(self.kinds, _beside(about), self.begun_C),
+            hessian=np.zeros((size, size)),
+            gradient=np.zeros(size),
+            change=np.zeros(size),
+            mean_K=0.0,
+        )
+        for heat, shown_C in self.since:
+            now = now._with(heat, shown_C)
+        return now
 
-        def noise() -> Array:
-            return width * rng.standard_normal((parts, count))
+    def _with(self, heat: Heat, shown_C: float | None) -> HeatBelief:
+        """Warm the segments, and add a reading to what is known."""
+        course = _warmed(self.kinds, self.course, heat) if heat.passed_s else self.course
+        if shown_C is None:
+            return replace(self, course=course)
+        slope, off_K = _slope(course.lag_C[1], course), shown_C - float(course.lag_C[1, 0])
+        left_K = off_K - float(slope @ self.change)
+        weight, kept = max(heat.passed_s, 0.1) / _NOISE_K**2, math.exp(-heat.passed_s / _MEMORY_S)
+        return replace(
+            self,
+            course=course,
+            hessian=kept * self.hessian + weight * np.outer(slope, slope),
+            gradient=kept * self.gradient + weight * off_K * slope,
+            mean_K=self.mean_K + (left_K - self.mean_K) / _MEAN,
+        )
 
-        near = self.all.values[:, rng.choice(left, count)] + _NEAR * noise()
-        values = np.where(np.arange(count) % 2, near, self.low + width * rng.random((parts, count)))
-        found: HealthySegments | None = None
-        for _ in range(_ROUNDS):
-            of = rng.choice(np.arange(count), count)
-            tried = self.start.moved(of, values.clip(self.low, self.high))
-            tried = replace(tried, worst_K=np.zeros(count), taken=self.all.taken)
-            for heat, shown_C in self.since:
-                tried = tried.warmed(heat)
-                if shown_C is not None:
-                    tried = tried.compared(shown_C, math.exp(-heat.unknown_s / _FORGET_UNKNOWN_S))
-            found = tried if found is None else found.nearest(tried)
-            best = found.values[:, np.argsort(found.worst_K)[: count // _ELITE]]
-            middle = best.mean(axis=1, keepdims=True)
-            mixed = rng.standard_normal((best.shape[1], count)) / math.sqrt(best.shape[1])
-            values = middle + _OVER * (best - middle) @ mixed + _LEAST_SPREAD * noise()
-        assert found is not None
-        explained = found.worst_K.min() <= _FITS_K
-        return replace(self, all=found if explained else self.all, looked=True)
+    def _solved(self) -> HeatBelief:
+        """Make a Gauss-Newton step within the ranges."""
+        matrix = self.hessian + self.precision
+        right = self.gradient + self.precision @ (self.prior - self.about)
+        low, high = -_WIDEST - self.about, _WIDEST - self.about
+        change, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
+        for _ in range(4):
+            change[free] = np.linalg.solve(
+                matrix[np.ix_(free, free)], right[free] - matrix[np.ix_(free, ~free)] @ change[~free]
+            )
+            out = free & ((change < low) | (change > high))
+            if not out.any():
+                break
+            change, free = np.clip(change, low, high), free & ~out
+        return replace(self, change=np.clip(change, low, high))
 
-    def _renewed(self) -> HeatBelief:
-        """Replace those that are not left by some like those that are."""
-        rng, kinds, left, gone = self.all.rng(), self.all.kinds, self.left, ~self.left
-        of = np.arange(len(left))
-        of[gone] = rng.choice(np.flatnonzero(left), int(gone.sum()))
-        known, values = self.all.values[:, left], self.all.values[:, of]
-        away = _SPREAD * known.std(axis=1, keepdims=True) + _LEAST_SPREAD * (kinds.high - kinds.low)
-        low, high = self.low, self.high
-        if self.off_K <= _FITS_K:
-            margin = _UNLEARNED * (kinds.high - kinds.low)
-            least, most = (known.min(axis=1, keepdims=True), known.max(axis=1, keepdims=True))
-            low = np.maximum(low, low + _LEARNED * (least - margin - low))
-            high = np.minimum(high, high + _LEARNED * (most + margin - high))
-        nearer = _NEARER * (values - known.mean(axis=1, keepdims=True))
-        values = values + gone * (away * rng.standard_normal(values.shape) - nearer)
-        new = self.all.moved(of, values.clip(low, high))
-        new = new.heated(_METAL_S * gone * rng.standard_normal(len(of)))
-        return replace(self, all=new, low=low, high=high)
+    def _judged(self, shown_C: float) -> HeatBelief:
+        """Bound metal and readings; switch off where metal may be too hot, or is like none."""
+        kinds, course = self.kinds, self.course
+        nominal, change = kinds.nominal, self.change
+        covariance = np.linalg.inv(self.hessian + self.precision)
 
-    def _judged(self) -> HeatBelief:
-        """Switch off where metal may be too hot, or is that of no healthy segment."""
-        hottest_C = float(self.all.ahead_C(_AHEAD_S)[self.left].max())
-        hot = hottest_C >= self.cut_C - _COOLED_K * self.cut
-        return replace(self, cut=hot or self.off_K > _DOUBT_K)
+        def about(values: Array) -> tuple[float, float]:
+            slope = _slope(values, course)
+            middle = float(values[0] + slope @ change)
+            wide = _SURELY * math.sqrt(float(slope @ covariance @ slope))
+            return middle - wide, middle + wide
+
+        low, high = bounds = about(nominal.level(course.state))
+        state = tuple(float(value[0]) for value in course.state)
+        metal_C = [float(nominal.temperature_C(nominal.at_level(state, one))) for one in (low, high)]
+        full = nominal.rates_in(nominal, tuple(map(np.atleast_1d, state)), kinds.full_A)
+        ahead = high + _AHEAD_S * float(full[0][0])
+        hot_C = float(nominal.temperature_C(nominal.at_level(state, ahead)))
+        hot = hot_C >= self.cut_C - _COOLED_K * self.cut
+        cut = hot or self.off_K > _DOUBT_K
+        shows_C = about(course.lag_C[1])
+        return replace(
+            self, cut=cut, bounds=bounds, shows_C=shows_C, metal_C=(metal_C[0], metal_C[1])
+        )
+
+    def _rested(self, shown_C: float) -> HeatBelief:
+        """Begin anew with what is known by now."""
+        prior = self.most_probable
+        covariance = np.linalg.inv(self.hessian + self.precision)
+        floor = np.full(len(prior), 0.1)
+        floor[-1] = _PRIOR
+        prior[-1] = 0.0
+        covariance[-1] = covariance[:, -1] = 0.0
+        precision = np.linalg.inv(covariance + np.diag(floor**2))
+        now = replace(
+            self,
+            prior=prior,
+            precision=precision,
+            about=prior,
+            since=(),
+            begun_C=(shown_C, shown_C),
+            change=np.zeros(len(prior)),
+        )
+        return now._again_about(prior)
+
+
+def _slope(values: Array, course: Course) -> Array:
+    """Sensitivities to the parameters, (p,)."""
+    slope: Array = (values[1:] - values[0]) / np.diag(course.parameters[1:] - course.parameters[0])
+    return slope
+
+
+def _beside(about: Array) -> Array:
+    """Parameters, and these with one a little off each, (1 + p, p)."""
+    return about + np.vstack([np.zeros(len(about)), np.diag(np.where(about > 0.0, -_STEP, _STEP))])
+
+
+def _course(kinds: Kinds, parameters: Array, begun_C: tuple[float, float]) -> Course:
+    """Begin at rest with parameters (n, p), of which the start is the last."""
+    all_of, count = kinds.middle + kinds.half * parameters, len(kinds.names)
+    model = replace(kinds.nominal, **dict(zip(kinds.names, all_of.T, strict=False)))
+    gain, lag_s, share, keeps, bias, start_K = all_of.T[count:]
+    lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
+    metal_C, shown_C = begun_C
+    about_C = model.temperature_in(kinds.nominal, kinds.nominal.initial(metal_C)) - metal_C
+    starts_C = np.broadcast_to(metal_C + start_K - about_C, start_K.shape)
+    state = np.array([kinds.nominal.initial(one) for one in starts_C.tolist()]).T
+    lag_C = np.tile(shown_C + start_K * (metal_C == shown_C), (2, 1))
+    return Course(model, (gain, lags_s, keeps, bias), parameters, tuple(state), lag_C)
+
+
+def _warmed(kinds: Kinds, course: Course, heat: Heat) -> Course:
+    """Let time pass."""
+    nominal, model, state, lag_C = kinds.nominal, course.model, course.state, course.lag_C
+    (gain, lags_s, keeps, bias), air_C = course.sensor, model.ambient_C
+    share = np.clip(heat.share + heat.unknown * bias, 0.0, 1.0) * (np.clip(keeps, 0.0, 1.0) if heat.warm else 1.0)
+    if not math.isnan(heat.held_C):
+        share = _holding(kinds, course, heat.held_C)
+    steps = max(1, math.ceil(heat.passed_s / _STEP_S - 1e-9))
+    step_s, current_A = heat.passed_s / steps, kinds.full_A * np.sqrt(share)
+    kept = np.exp(-step_s / lags_s)
+    touched_C = air_C + gain * (model.temperature_in(nominal, state) - air_C)
+    for _ in range(steps):
+        state = _after(nominal, model, state, current_A, step_s)
+        before_C, touched_C = touched_C, air_C + gain * (model.temperature_in(nominal, state) - air_C)
+        middle_C = (before_C + touched_C) / 2
+        first_C = middle_C + (lag_C[0] - middle_C) * kept[0]
+        middle_C = (lag_C[0] + first_C) / 2
+        lag_C = np.array([first_C, middle_C + (lag_C[1] - middle_C) * kept[1]])
+    return course._replace(state=state, lag_C=lag_C)
+
+
+def _holding(kinds: Kinds, course: Course, shown_C: float) -> Array:
+    """Shares with which metal goes to where a reading shows it."""
+    nominal, model, (gain, *_) = kinds.nominal, course.model, course.sensor
+    here_C = model.temperature_in(nominal, course.state)
+    cools_C, warms_C = (
+        model.temperature_in(nominal, _after(nominal, model, course.state, current_A, 1.0))
+        for current_A in (0.0, kinds.full_A)
+    )
+    to_C = model.ambient_C + (shown_C - model.ambient_C) / gain
+    wanted_C = here_C + (to_C - here_C) / _HELD_S
+    range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
+    share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
+    return share
+
+
+def _after(
+    nominal: SegmentModel,
+    model: SegmentModel,
+    state: tuple[Array, ...],
+    current_A: Array | float,
+    for_s: float,
+) -> tuple[Array, ...]:
+    """Metal after a short time."""
+    rates = model.rates_in(nominal, state, current_A)
+    return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
-    segments = healthy_segments(robot, air_C, segment, start_C)
-    low, high = segments.kinds.low, segments.kinds.high
-    cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
-    return HeatBelief(segments, low, high, cut_C, segments)
+    nominal, described = segment_model(robot, air_C, segment), robot.thermal_segment(segment)
+    gain, lags_s = described.sensor_gain_and_lags_s
+    longest_s = 2 * described.ranges.get("sensor_lag_s", (0.0, max(lags_s)))[1]
+    within = healthy_ranges(nominal, described.ranges)
+    if "melting_point_C" in within:
+        low, high = within["melting_point_C"]
+        within["melting_point_C"] = low - 0.3, high + 0.3
+    within["ambient_C"] = air_C - _AIR_OFF_K, air_C + _AIR_OFF_K
+    low, high = described.ranges.get("sensor_gain", (gain, gain))
+    ends = [
+        *within.values(),
+        (low - _GAIN_OFF, high + _GAIN_OFF),
+        (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
+        _LAG_SHARES,
+        (0.0, 1.0),
+        (-1.0, 1.0),
+        (-_START_OFF_K, _START_OFF_K),
+    ]
+    low_, high_ = np.array(ends).T
+    kinds = Kinds(
+        nominal,
+        robot.heater.melt_current_A,
+        tuple(within),
+        (low_ + high_) / 2,
+        (high_ - low_) / 2,
+    )
+    nowhere = np.zeros(len(ends))
+    return HeatBelief(
+        kinds,
+        robot.heater.temperature_max_C - _BEFORE_LIMIT_K,
+        (start_C, start_C),
+        nowhere,
+        np.eye(len(ends)) / _PRIOR**2,
+        nowhere,
+        _course(kinds, _beside(nowhere), (start_C, start_C)),
+        np.zeros((len(ends), len(ends))),
+        nowhere,
+        nowhere,
+    )
