@@ -22,7 +22,7 @@ from twosra_mpc.thermal.uncertainty import healthy_ranges
 
 UNLIKE_K = 1.1  # a mean reading farther off is none of a healthy segment
 _DOUBT_K = 0.7  # farther off, the heater waits
-_NOISE_K = 0.5  # of one reading a second: neighbours err alike
+_NOISE_K = 1.0  # of one reading a second: neighbours err alike
 _PRIOR = 0.6  # standard deviation of what is equally likely from -1 to 1
 _WIDEST = 1.05  # times the ranges: segments at their ends
 _STEP = 0.1  # by which the others are off
@@ -33,10 +33,12 @@ _WARM_OFF_K = 3.0  # of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a reading is of solid metal
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
 _STEP_S = 0.5  # the fastest metal warms by 1 K in it
-_MEMORY_S = 200.0  # of currents that are known to a second only
+_MEMORY_S = 20.0  # of full heat that nobody knows
 _MEAN = 3.0  # readings of which the mean distance counts
 _SHARES, _APART = (0.0, 0.25, 0.5, 1.0), (-0.6, -0.2, 0.2, 0.6)
-_DEVIATIONS = (-3.0, -1.5, -0.5, 0.5, 1.5, 3.0)
+_DEVIATION = 0.7
+_DEVIATIONS = (-4.0, -2.0, -1.0, -0.5, -0.25, 0.25, 0.5, 1.0, 2.0, 4.0)
+_ROUNDS = 4
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # steps of a Gauss-Newton step that is made; readings to the next
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
@@ -61,6 +63,12 @@ class Heat(NamedTuple):
     unknown: float = 0.0
     warm: bool = False
     held_C: float = math.nan
+
+    @property
+    def kept(self) -> float:
+        """Share of what is known that heat which nobody knows leaves."""
+        unknown = self.unknown if math.isnan(self.held_C) else 1.0
+        return math.exp(-self.passed_s * unknown / _MEMORY_S)
 
     def then(self, later: Heat) -> Heat:
         """Heat of both times."""
@@ -108,6 +116,7 @@ class Course(NamedTuple):
     model: SegmentModel
     sensor: tuple[Array, Array, Array, Array]
     parameters: Array
+    inverse: Array
     state: tuple[Array, ...]
     lag_C: Array
 
@@ -143,20 +152,24 @@ class HeatBelief:
     course: Course
     hessian: Array
     gradient: Array
+    cost: float
     change: Array
     since: tuple[tuple[Heat, float | None], ...] = ()
     mean_K: float = 0.0
     quiet_s: float = 0.0
     again: int = 0
     cut: bool = False
+    reach: float = _SURELY
+    again_hot: int = 0
     bounds: tuple[float, float] = (-math.inf, -math.inf)
+    wide_K: float = 0.0
     shows_C: tuple[float, float] = (0.0, 0.0)
     metal_C: tuple[float, float] = (0.0, 0.0)
 
     @property
     def off_K(self) -> float:
         """Distance of the readings from those of the most similar healthy segment."""
-        return abs(self.mean_K)
+        return max(0.0, abs(self.mean_K) - self.wide_K)
 
     @property
     def may_be_liquid(self) -> bool:
@@ -187,10 +200,13 @@ class HeatBelief:
         now = now._solved()
         far_off = now.off_K > _FAR_K
         far = far_off or np.abs(now.change).max() > _FAR * _STEP
-        if now.again <= 0 and far or (far_off and now.again <= len(now.since) // 20 - _OFTEN):
-            now = now._again_about(now._best())._solved()
-            now = replace(now, again=_OFTEN if far_off else max(_OFTEN, len(now.since) // 20))
-        now = replace(now, again=now.again - 1)._judged(shown_C)
+        if far and (now.again <= 0 or now.off_K > _DOUBT_K / 2):
+            before, rounds = math.inf, 0
+            while rounds < _ROUNDS and now.misfit < before - 1.0:
+                before, rounds = now.misfit, rounds + 1
+                now = now._again_about(now._best())._solved()
+            now = replace(now, again=_OFTEN if rounds > 1 else max(_OFTEN, len(now.since) // 20))
+        now = replace(now, again=now.again - 1, again_hot=now.again_hot-1, reach=now.reach if now.again_hot>0 else _SURELY)._judged(shown_C)
         at_rest = shown_C < thresholds_C(self.kinds.nominal)[0] - _SOLID_K and now.off_K < _DOUBT_K
         if (now.quiet_s >= _QUIET_S and at_rest) or len(now.since) >= _MOST:
             return now._rested(shown_C)
@@ -201,25 +217,42 @@ class HeatBelief:
         """Parameters, (p,)."""
         return self.about + self.change
 
+    @property
+    def misfit(self) -> float:
+        """Cost of the most probable parameters, less that of the first."""
+        matrix = self.hessian + self.precision
+        off = self.prior - self.about
+        return self.cost + float(off @ self.precision @ off - self.change @ matrix @ self.change)
+
     def _best(self) -> Array:
         """Most probable of some parameters: Gauss-Newton steps, in doubt about them, too."""
         steps = self.about + np.outer(_SHARES, self.change)
         spread, axes = np.linalg.eigh(np.linalg.inv(self.hessian + self.precision))
-        axes = (axes * np.sqrt(spread)).T
+        axes = np.vstack([(axes * np.sqrt(spread)).T, self._toward()])
         apart = [np.outer(_DEVIATIONS, axis) for axis in axes]
         apart += [np.outer(_APART, row) for row in np.eye(len(self.about))]
         tried = np.vstack([steps, *(steps[-1] + one for one in apart)])
         tried = np.clip(tried, -_WIDEST, _WIDEST)
+        best: Array = tried[self._costs(tried)[0].argmin()]
+        return best
+
+    def _toward(self) -> Array:
+        """Most probable direction to hotter metal, of one standard deviation, (p,)."""
+        slope = _slope(self.kinds.nominal.level(self.course.state), self.course)
+        toward: Array = np.linalg.solve(self.hessian + self.precision, slope)
+        return toward / math.sqrt(float(slope @ toward))
+
+    def _costs(self, tried: Array) -> tuple[Array, Array]:
+        """Twice the negative logarithms of the probabilities of parameters (n, p); levels, (n,)."""
         course, off = _course(self.kinds, tried, self.begun_C), tried - self.prior
         costs = np.zeros(len(tried))
         for heat, shown_C in self.since:
             course = _warmed(self.kinds, course, heat) if heat.passed_s else course
             if shown_C is not None:
-                costs *= math.exp(-heat.passed_s / _MEMORY_S)
+                costs *= heat.kept
                 costs += heat.passed_s * np.square((course.lag_C[1] - shown_C) / _NOISE_K)
         costs += np.einsum("ni,ij,nj->n", off, self.precision, off)
-        best: Array = tried[costs.argmin()]
-        return best
+        return costs, self.kinds.nominal.level(course.state)
 
     def _again_about(self, about: Array) -> HeatBelief:
         """Warm segments with other parameters by all heat since the start."""
@@ -227,9 +260,10 @@ class HeatBelief:
         now = replace(
             self,
             about=about,
-            course=_course(self.kinds, _beside(about), self.begun_C),
+            course=_course(self.kinds, _beside(about, self.hessian + self.precision, False), self.begun_C),
             hessian=np.zeros((size, size)),
             gradient=np.zeros(size),
+            cost=0.0,
             change=np.zeros(size),
             mean_K=0.0,
         )
@@ -244,12 +278,13 @@ class HeatBelief:
             return replace(self, course=course)
         slope, off_K = _slope(course.lag_C[1], course), shown_C - float(course.lag_C[1, 0])
         left_K = off_K - float(slope @ self.change)
-        weight, kept = max(heat.passed_s, 0.1) / _NOISE_K**2, math.exp(-heat.passed_s / _MEMORY_S)
+        weight, kept = heat.passed_s / _NOISE_K**2, heat.kept
         return replace(
             self,
             course=course,
             hessian=kept * self.hessian + weight * np.outer(slope, slope),
             gradient=kept * self.gradient + weight * off_K * slope,
+            cost=kept * self.cost + weight * off_K**2,
             mean_K=self.mean_K + (left_K - self.mean_K) / _MEAN,
         )
 
@@ -275,23 +310,31 @@ class HeatBelief:
         nominal, change = kinds.nominal, self.change
         covariance = np.linalg.inv(self.hessian + self.precision)
 
-        def about(values: Array) -> tuple[float, float]:
+        def about(values: Array, reach: float) -> tuple[float, float]:
             slope = _slope(values, course)
             middle = float(values[0] + slope @ change)
-            wide = _SURELY * math.sqrt(float(slope @ covariance @ slope))
-            return middle - wide, middle + wide
+            wide = math.sqrt(float(slope @ covariance @ slope))
+            return middle - _SURELY * wide, middle + reach * wide
 
-        low, high = bounds = about(nominal.level(course.state))
+        shows_C = about(course.lag_C[1], _SURELY)
+        self = replace(self, shows_C=shows_C, wide_K=(shows_C[1] - shows_C[0]) / 2)
+        low, high = bounds = about(nominal.level(course.state), self.reach)
         state = tuple(float(value[0]) for value in course.state)
         metal_C = [float(nominal.temperature_C(nominal.at_level(state, one))) for one in (low, high)]
         full = nominal.rates_in(nominal, tuple(map(np.atleast_1d, state)), kinds.full_A)
         ahead = high + _AHEAD_S * float(full[0][0])
         hot_C = float(nominal.temperature_C(nominal.at_level(state, ahead)))
         hot = hot_C >= self.cut_C - _COOLED_K * self.cut
+        if hot and self.again_hot <= 0:
+            reaches = np.linspace(0.0, _SURELY, 11)
+            tried = self.most_probable + np.outer(reaches, self._toward())
+            costs, _ = self._costs(np.clip(tried, -_WIDEST, _WIDEST))
+            likely = costs <= costs[0] + _SURELY**2
+            reach = float(reaches[likely].max())
+            return replace(self, reach=reach, again_hot=_OFTEN)._judged(shown_C)
         cut = hot or self.off_K > _DOUBT_K
-        shows_C = about(course.lag_C[1])
         return replace(
-            self, cut=cut, bounds=bounds, shows_C=shows_C, metal_C=(metal_C[0], metal_C[1])
+            self, cut=cut, bounds=bounds, metal_C=(metal_C[0], metal_C[1])
         )
 
     def _rested(self, shown_C: float) -> HeatBelief:
@@ -317,18 +360,24 @@ class HeatBelief:
 
 def _slope(values: Array, course: Course) -> Array:
     """Sensitivities to the parameters, (p,)."""
-    slope: Array = (values[1:] - values[0]) / np.diag(course.parameters[1:] - course.parameters[0])
+    slope: Array = course.inverse @ (values[1:] - values[0])
     return slope
 
 
-def _beside(about: Array) -> Array:
-    """Parameters, and these with one a little off each, (1 + p, p)."""
-    return about + np.vstack([np.zeros(len(about)), np.diag(np.where(about > 0.0, -_STEP, _STEP))])
+def _beside(about: Array, precision: Array, colder: bool) -> Array:
+    """Parameters, and these a deviation off along each of their principal axes, (1 + p, p)."""
+    spread, axes = np.linalg.eigh(np.linalg.inv(precision))
+    apart = _DEVIATION * (axes * np.sqrt(spread)).T
+    signs = np.where(np.abs(about + apart).max(axis=1) > _WIDEST, -1.0, 1.0)
+    return about + np.vstack([np.zeros(len(about)), signs[:, None] * apart])
 
 
 def _course(kinds: Kinds, parameters: Array, begun_C: tuple[float, float]) -> Course:
     """Begin at rest with parameters (n, p), of which the start is the last."""
     all_of, count = kinds.middle + kinds.half * parameters, len(kinds.names)
+    inverse = np.zeros((0, 0))
+    if len(parameters) == 1 + parameters.shape[1]:
+        inverse = np.linalg.inv(parameters[1:] - parameters[0])
     model = replace(kinds.nominal, **dict(zip(kinds.names, all_of.T, strict=False)))
     gain, lag_s, share, keeps, bias, start_K = all_of.T[count:]
     lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
@@ -337,7 +386,7 @@ def _course(kinds: Kinds, parameters: Array, begun_C: tuple[float, float]) -> Co
     starts_C = np.broadcast_to(metal_C + start_K - about_C, start_K.shape)
     state = np.array([kinds.nominal.initial(one) for one in starts_C.tolist()]).T
     lag_C = np.tile(shown_C + start_K * (metal_C == shown_C), (2, 1))
-    return Course(model, (gain, lags_s, keeps, bias), parameters, tuple(state), lag_C)
+    return Course(model, (gain, lags_s, keeps, bias), parameters, inverse, tuple(state), lag_C)
 
 
 def _warmed(kinds: Kinds, course: Course, heat: Heat) -> Course:
@@ -424,8 +473,9 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         nowhere,
         np.eye(len(ends)) / _PRIOR**2,
         nowhere,
-        _course(kinds, _beside(nowhere), (start_C, start_C)),
+        _course(kinds, _beside(nowhere, np.eye(len(ends)) / _PRIOR**2, False), (start_C, start_C)),
         np.zeros((len(ends), len(ends))),
         nowhere,
+        0.0,
         nowhere,
     )
