@@ -1,11 +1,12 @@
 """Belief about the heat of a segment: a moving horizon estimate of its kind and of its metal.
 
-A segment warms without chance, as its parameters have it: its heater's power, its latent heat, its
-loss, the lag of its sensor. Their most probable values given all readings since the metal last was
-at rest are found by Gauss-Newton steps, within the ranges of healthy robots; what was known before
-is the prior. Beside the segment itself one more is warmed for each parameter, a little off: their
-differences are the sensitivities of readings and metal, which also give the covariance. Where no
-healthy segment would have shown what was shown, the heater is off.
+Metal warms without chance, as the segment's parameters have it: the power of its heater, its latent
+heat, its loss, the lag of its sensor. Their most probable values, given all readings since the metal
+last was at rest, are found by Gauss-Newton steps within the ranges of healthy robots; what was
+known before is the prior. Beside a segment of these values others are warmed, one deviation off
+along each principal axis of what is not known: their differences are the sensitivities of readings
+and metal. The heater is off where metal may be too hot, or where no healthy segment would have
+shown what was shown.
 """
 
 from __future__ import annotations
@@ -16,109 +17,99 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.robot.description import Robot, segment_model
-from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
-from twosra_mpc.thermal.uncertainty import healthy_ranges
+from twosra_mpc.execution.healthy_segments import Heat, Kinds, Segments, Start, healthy_kinds
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.thermal.model import Array
 
-UNLIKE_K = 1.1  # a mean reading farther off is none of a healthy segment
-_DOUBT_K = 0.7  # farther off, the heater waits
-_NOISE_K = 1.0  # of one reading a second: neighbours err alike
-_PRIOR = 0.6  # standard deviation of what is equally likely from -1 to 1
-_WIDEST = 1.05  # times the ranges: segments at their ends
-_STEP = 0.1  # by which the others are off
-_SURELY = 2.5  # standard deviations
-_MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF, _START_OFF_K = 1.0, 2.0, 0.03, 1.0
-_LAGS, _LAG_SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in the first of two
-_WARM_OFF_K = 3.0  # of metal that is said to be warm
-_SOLID_K = 5.0  # below the melting point a reading is of solid metal
-_HELD_S = 3.0  # in which a switch brings metal back to its set-point
-_STEP_S = 0.5  # the fastest metal warms by 1 K in it
-_MEMORY_S = 20.0  # of full heat that nobody knows
-_MEAN = 3.0  # readings of which the mean distance counts
-_SHARES, _APART = (0.0, 0.25, 0.5, 1.0), (-0.6, -0.2, 0.2, 0.6)
-_DEVIATION = 0.7
-_DEVIATIONS = (-4.0, -2.0, -1.0, -0.5, -0.25, 0.25, 0.5, 1.0, 2.0, 4.0)
-_ROUNDS = 4
-_FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # steps of a Gauss-Newton step that is made; readings to the next
+UNLIKE_K = 1.6  # root mean square of the last readings from those of every healthy segment
+_DOUBT_K = 1.0  # from which on the heater waits
+_LAST = 5.0  # readings that this is of
+_NOISE_K = 1.0  # of a reading a second: neighbours err alike
+_PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
+_KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
+_ENDS = 1.05  # of the ranges: segments at their ends
+_SURELY = 2.5  # deviations
+_DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
+_FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
+_STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _QUIET_S = 60.0  # after which metal is at rest
-_MOST = 1800  # readings that are remembered
-_EPS = 1e-6
+_UNKNOWN_S = 8.0  # of full heat, after which liquid metal is as warm as the reading has it
+_MOST = 1800  # readings that are remembered: half an hour
 
 
-class Heat(NamedTuple):
-    """Heat of a heater from one reading to the next.
+class Prior(NamedTuple):
+    """Normal distribution: most probable parameters (p,), and the inverse covariance (p, p)."""
 
-    Attributes:
-        passed_s: Time.
-        share: Share of full power.
-        unknown: By how much more or less that may be.
-        warm: Whether this was metal to be kept warm, not molten: not every firmware does.
-        held_C: Reading about which a switch holds metal, with a share nobody knows; or NaN.
-    """
-
-    passed_s: float
-    share: float
-    unknown: float = 0.0
-    warm: bool = False
-    held_C: float = math.nan
-
-    @property
-    def kept(self) -> float:
-        """Share of what is known that heat which nobody knows leaves."""
-        unknown = self.unknown if math.isnan(self.held_C) else 1.0
-        return math.exp(-self.passed_s * unknown / _MEMORY_S)
-
-    def then(self, later: Heat) -> Heat:
-        """Heat of both times."""
-        passed_s = self.passed_s + later.passed_s
-        if self.passed_s == 0.0 or later.passed_s == 0.0:
-            return later if self.passed_s == 0.0 else self
-        part = later.passed_s / passed_s
-        share = self.share + part * (later.share - self.share)
-        unknown = self.unknown + part * (later.unknown - self.unknown)
-        held_C = math.nan if math.isnan(self.held_C) else later.held_C
-        return Heat(passed_s, share, unknown, later.warm, held_C)
+    mean: Array
+    precision: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Kinds:
-    """Kinds of healthy segments, each parameter from -1 to 1 over its range.
+class Fit:
+    """Costs of some kinds, and their derivatives: twice the negative logarithm of a probability.
 
     Attributes:
-        nominal: The segment as described.
-        full_A: Full current.
-        names: Those of the model.
-        middle: Of the model's, of the air, of the sensor's gain, lag and share of it in the first
-            of two, of whether firmware keeps metal warm, and of the start, (p,).
-        half: Half of each range, (p,).
+        about: The kinds, (s, p).
+        apart: Parameters of the others beside each, less its own, (p, p).
+        segments: All of them, s times 1 + p.
+        cost: Of the readings, (s,).
+        gradient: Half of the negative gradient, (s, p).
+        hessian: Half of it, (s, p, p).
     """
 
-    nominal: SegmentModel
-    full_A: float
-    names: tuple[str, ...]
-    middle: Array
-    half: Array
+    about: Array
+    apart: Array
+    segments: Segments
+    cost: Array
+    gradient: Array
+    hessian: Array
+
+    def slopes(self, values: Array) -> tuple[Array, Array]:
+        """Values (s,) of the kinds, and their sensitivities (s, p)."""
+        count, size = self.about.shape
+        each = values.reshape(count, 1 + size)
+        return each[:, 0], np.linalg.solve(self.apart, (each[:, 1:] - each[:, :1]).T).T
+
+    def take(self, heat: Heat, shown_C: float | None) -> Fit:
+        """Warm all, and compare them with a reading, if there is one."""
+        now = replace(self, segments=self.segments.warmed(heat))
+        if shown_C is None:
+            return now
+        here_C, slope = now.slopes(now.segments.shown_C)
+        weight, off_K = heat.passed_s / _NOISE_K**2, shown_C - here_C
+        return replace(
+            now,
+            cost=self.cost + weight * off_K**2,
+            gradient=self.gradient + weight * off_K[:, None] * slope,
+            hessian=self.hessian + weight * slope[:, :, None] * slope[:, None, :],
+        )
+
+    def solved(self, prior: Prior) -> tuple[Array, Array]:
+        """Gauss-Newton steps within the ranges (s, p), and the costs here with the prior's (s,)."""
+        steps = np.empty_like(self.about)
+        for step, about, gradient, hessian in zip(
+            steps, self.about, self.gradient, self.hessian, strict=True
+        ):
+            right = gradient + prior.precision @ (prior.mean - about)
+            step[:] = _within(hessian + prior.precision, right, -_ENDS - about, _ENDS - about)
+        off = self.about - prior.mean
+        return steps, self.cost + np.einsum("si,ij,sj->s", off, prior.precision, off)
 
 
-class Course(NamedTuple):
-    """Segments that are warmed side by side: the first, and one a little off for each parameter.
-
-    Attributes:
-        model: All as one, whose parameters are arrays (1 + p,).
-        sensor: Gains, lags (2, 1 + p), and shares of heat to keep warm.
-        parameters: Of each, (1 + p, p).
-        state: Of the metal, each (1 + p,), as the nominal model's.
-        lag_C: Of the sensor, (2, 1 + p).
-    """
-
-    model: SegmentModel
-    sensor: tuple[Array, Array, Array, Array]
-    parameters: Array
-    inverse: Array
-    state: tuple[Array, ...]
-    lag_C: Array
+def _within(matrix: Array, right: Array, low: Array, high: Array) -> Array:
+    """Solve a linear system; what leaves its bounds stays on them."""
+    step, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
+    while free.any():
+        rest = right[free] - matrix[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+        out = free & ((step < low) | (step > high))
+        if not out.any():
+            break
+        step, free = np.clip(step, low, high), free & ~out
+    bounded: Array = np.clip(step, low, high)
+    return bounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,354 +119,205 @@ class HeatBelief:
     Attributes:
         kinds: Of healthy segments.
         cut_C: Temperature of the hottest from which on the heater is off.
-        begun_C: Temperature of the metal and the sensor at the start.
-        prior: Most probable parameters before, (p,).
-        precision: Inverse of their covariance, (p, p).
-        about: Parameters about which all is linear, (p,).
-        course: Segments with these.
-        hessian: Of the readings since, (p, p).
-        gradient: Of the readings since, (p,).
+        prior: What was known at the start.
+        start: Rest at the start.
+        fit: Of one kind, which is near the most probable.
+        step: Gauss-Newton step from there, (p,).
         since: Heat and readings since the start.
-        off_K: Mean distance of the last readings from the most probable.
-        change: Gauss-Newton step from there, (p,).
+        square_K2: Mean square distance of the last readings.
         quiet_s: Time for which the heater has been off.
-        again: Readings until a step may be made.
+        wait: Readings until all may be made anew.
+        surely: Deviations up to which metal may be hotter.
         cut: Whether the heater must be off, whatever a reading says.
     """
 
     kinds: Kinds
     cut_C: float
-    begun_C: tuple[float, float]
-    prior: Array
-    precision: Array
-    about: Array
-    course: Course
-    hessian: Array
-    gradient: Array
-    cost: float
-    change: Array
+    prior: Prior
+    start: Start
+    fit: Fit
+    step: Array
     since: tuple[tuple[Heat, float | None], ...] = ()
-    mean_K: float = 0.0
+    square_K2: float = 0.0
     quiet_s: float = 0.0
-    again: int = 0
+    wait: int = 0
+    surely: float = _SURELY
     cut: bool = False
-    reach: float = _SURELY
-    again_hot: int = 0
-    bounds: tuple[float, float] = (-math.inf, -math.inf)
-    wide_K: float = 0.0
-    shows_C: tuple[float, float] = (0.0, 0.0)
-    metal_C: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def off_K(self) -> float:
-        """Distance of the readings from those of the most similar healthy segment."""
-        return max(0.0, abs(self.mean_K) - self.wide_K)
-
-    @property
-    def may_be_liquid(self) -> bool:
-        """Whether the metal may be liquid."""
-        return self.bounds[1] >= self.kinds.nominal.liquid_level
-
-    @property
-    def surely_liquid(self) -> bool:
-        """Whether the metal is liquid for sure."""
-        return self.bounds[0] >= self.kinds.nominal.liquid_level
-
-    def begun(self, shown_C: float, start_C: float) -> HeatBelief:
-        """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        solid_C = thresholds_C(self.kinds.nominal)[0] - _SOLID_K
-        metal_C = shown_C if shown_C < solid_C else start_C
-        half = self.kinds.half.copy()
-        half[-1] = _START_OFF_K if shown_C < solid_C else _WARM_OFF_K
-        now = replace(self, kinds=replace(self.kinds, half=half), begun_C=(metal_C, shown_C))
-        return now._again_about(self.about)
-
-    def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Warm the segment, and compare it with a reading, if there is one."""
-        quiet_s = 0.0 if heat.share or not math.isnan(heat.held_C) else self.quiet_s + heat.passed_s
-        now = replace(self, since=(*self.since, (heat, shown_C)), quiet_s=quiet_s)
-        now = now._with(heat, shown_C)
-        if shown_C is None:
-            return now
-        now = now._solved()
-        far_off = now.off_K > _FAR_K
-        far = far_off or np.abs(now.change).max() > _FAR * _STEP
-        if far and (now.again <= 0 or now.off_K > _DOUBT_K / 2):
-            before, rounds = math.inf, 0
-            while rounds < _ROUNDS and now.misfit < before - 1.0:
-                before, rounds = now.misfit, rounds + 1
-                now = now._again_about(now._best())._solved()
-            now = replace(now, again=_OFTEN if rounds > 1 else max(_OFTEN, len(now.since) // 20))
-        now = replace(now, again=now.again - 1, again_hot=now.again_hot-1, reach=now.reach if now.again_hot>0 else _SURELY)._judged(shown_C)
-        at_rest = shown_C < thresholds_C(self.kinds.nominal)[0] - _SOLID_K and now.off_K < _DOUBT_K
-        if (now.quiet_s >= _QUIET_S and at_rest) or len(now.since) >= _MOST:
-            return now._rested(shown_C)
-        return now
 
     @property
     def most_probable(self) -> Array:
         """Parameters, (p,)."""
-        return self.about + self.change
+        both: Array = self.fit.about[0] + self.step
+        return both
 
     @property
-    def misfit(self) -> float:
-        """Cost of the most probable parameters, less that of the first."""
-        matrix = self.hessian + self.precision
-        off = self.prior - self.about
-        return self.cost + float(off @ self.precision @ off - self.change @ matrix @ self.change)
+    def off_K(self) -> float:
+        """Distance of the last readings from those of the most similar healthy segment."""
+        return math.sqrt(self.square_K2)
 
-    def _best(self) -> Array:
-        """Most probable of some parameters: Gauss-Newton steps, in doubt about them, too."""
-        steps = self.about + np.outer(_SHARES, self.change)
-        spread, axes = np.linalg.eigh(np.linalg.inv(self.hessian + self.precision))
-        axes = np.vstack([(axes * np.sqrt(spread)).T, self._toward()])
-        apart = [np.outer(_DEVIATIONS, axis) for axis in axes]
-        apart += [np.outer(_APART, row) for row in np.eye(len(self.about))]
-        tried = np.vstack([steps, *(steps[-1] + one for one in apart)])
-        tried = np.clip(tried, -_WIDEST, _WIDEST)
-        best: Array = tried[self._costs(tried)[0].argmin()]
-        return best
+    @property
+    def shows_C(self) -> tuple[float, float]:
+        """Lowest and highest reading that is to be expected."""
+        middle_C, deviation_C = self._estimate(self.fit.segments.shown_C)
+        return middle_C - _SURELY * deviation_C, middle_C + _SURELY * deviation_C
 
-    def _toward(self) -> Array:
-        """Most probable direction to hotter metal, of one standard deviation, (p,)."""
-        slope = _slope(self.kinds.nominal.level(self.course.state), self.course)
-        toward: Array = np.linalg.solve(self.hessian + self.precision, slope)
-        return toward / math.sqrt(float(slope @ toward))
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Lowest and highest level of the metal, as the nominal model's."""
+        middle, deviation = self._estimate(self.fit.segments.level)
+        return middle - _SURELY * deviation, middle + self.surely * deviation
 
-    def _costs(self, tried: Array) -> tuple[Array, Array]:
-        """Twice the negative logarithms of the probabilities of parameters (n, p); levels, (n,)."""
-        course, off = _course(self.kinds, tried, self.begun_C), tried - self.prior
-        costs = np.zeros(len(tried))
-        for heat, shown_C in self.since:
-            course = _warmed(self.kinds, course, heat) if heat.passed_s else course
-            if shown_C is not None:
-                costs *= heat.kept
-                costs += heat.passed_s * np.square((course.lag_C[1] - shown_C) / _NOISE_K)
-        costs += np.einsum("ni,ij,nj->n", off, self.precision, off)
-        return costs, self.kinds.nominal.level(course.state)
+    @property
+    def metal_C(self) -> tuple[float, float]:
+        """Coldest and hottest metal."""
+        low, high = self.levels
+        return self._at_C(low), self._at_C(high)
 
-    def _again_about(self, about: Array) -> HeatBelief:
-        """Warm segments with other parameters by all heat since the start."""
-        size = len(about)
-        now = replace(
-            self,
-            about=about,
-            course=_course(self.kinds, _beside(about, self.hessian + self.precision, False), self.begun_C),
-            hessian=np.zeros((size, size)),
-            gradient=np.zeros(size),
-            cost=0.0,
-            change=np.zeros(size),
-            mean_K=0.0,
-        )
-        for heat, shown_C in self.since:
-            now = now._with(heat, shown_C)
+    @property
+    def may_be_liquid(self) -> bool:
+        """Whether the metal may be liquid."""
+        return self.levels[1] >= self.kinds.nominal.liquid_level
+
+    @property
+    def surely_liquid(self) -> bool:
+        """Whether the metal is liquid for sure."""
+        return self.levels[0] >= self.kinds.nominal.liquid_level
+
+    def begun(self, shown_C: float, said_C: float) -> HeatBelief:
+        """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
+        now = replace(self, start=self.kinds.start(shown_C, said_C))
+        return now._anew(self.prior.mean)
+
+    def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
+        """Warm the segment, and compare it with a reading, if there is one."""
+        since, fit = (*self.since, (heat, shown_C)), self.fit.take(heat, shown_C)
+        quiet_s = self.quiet_s + heat.passed_s if heat.off else 0.0
+        now = replace(self, since=since, fit=fit, quiet_s=quiet_s, wait=self.wait - 1)
+        if shown_C is None:
+            return now
+        now = now._solved(shown_C)
+        far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
+        if far and (now.wait <= 0 or now.off_K > _DOUBT_K):
+            now = now._searched()
+        now = now._judged()
+        if now.off_K < _FAR_K and now._rests(shown_C):
+            return now._begun_anew(shown_C)
         return now
 
-    def _with(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Warm the segments, and add a reading to what is known."""
-        course = _warmed(self.kinds, self.course, heat) if heat.passed_s else self.course
-        if shown_C is None:
-            return replace(self, course=course)
-        slope, off_K = _slope(course.lag_C[1], course), shown_C - float(course.lag_C[1, 0])
-        left_K = off_K - float(slope @ self.change)
-        weight, kept = heat.passed_s / _NOISE_K**2, heat.kept
-        return replace(
-            self,
-            course=course,
-            hessian=kept * self.hessian + weight * np.outer(slope, slope),
-            gradient=kept * self.gradient + weight * off_K * slope,
-            cost=kept * self.cost + weight * off_K**2,
-            mean_K=self.mean_K + (left_K - self.mean_K) / _MEAN,
-        )
+    def _rests(self, shown_C: float) -> bool:
+        """Whether the metal's heat is known by the reading, or no more by the heat since the start."""
+        if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
+            return True
+        unknown_s = sum(heat.unknown_s for heat, _ in self.since)
+        return (self.surely_liquid and unknown_s >= _UNKNOWN_S) or len(self.since) >= _MOST
 
-    def _solved(self) -> HeatBelief:
-        """Make a Gauss-Newton step within the ranges."""
-        matrix = self.hessian + self.precision
-        right = self.gradient + self.precision @ (self.prior - self.about)
-        low, high = -_WIDEST - self.about, _WIDEST - self.about
-        change, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
-        for _ in range(4):
-            change[free] = np.linalg.solve(
-                matrix[np.ix_(free, free)], right[free] - matrix[np.ix_(free, ~free)] @ change[~free]
-            )
-            out = free & ((change < low) | (change > high))
-            if not out.any():
-                break
-            change, free = np.clip(change, low, high), free & ~out
-        return replace(self, change=np.clip(change, low, high))
+    @property
+    def _precision(self) -> Array:
+        return self.fit.hessian[0] + self.prior.precision
 
-    def _judged(self, shown_C: float) -> HeatBelief:
-        """Bound metal and readings; switch off where metal may be too hot, or is like none."""
-        kinds, course = self.kinds, self.course
-        nominal, change = kinds.nominal, self.change
-        covariance = np.linalg.inv(self.hessian + self.precision)
+    def _estimate(self, values: Array) -> tuple[float, float]:
+        """Most probable value of what the segments have, and its standard deviation."""
+        (middle,), (slope,) = self.fit.slopes(values)
+        deviation = math.sqrt(float(slope @ np.linalg.solve(self._precision, slope)))
+        return float(middle + slope @ self.step), deviation
 
-        def about(values: Array, reach: float) -> tuple[float, float]:
-            slope = _slope(values, course)
-            middle = float(values[0] + slope @ change)
-            wide = math.sqrt(float(slope @ covariance @ slope))
-            return middle - _SURELY * wide, middle + reach * wide
+    def _at_C(self, level: float) -> float:
+        state = tuple(float(value[0]) for value in self.fit.segments.state)
+        return self.kinds.nominal.temperature_C(self.kinds.nominal.at_level(state, level))
 
-        shows_C = about(course.lag_C[1], _SURELY)
-        self = replace(self, shows_C=shows_C, wide_K=(shows_C[1] - shows_C[0]) / 2)
-        low, high = bounds = about(nominal.level(course.state), self.reach)
-        state = tuple(float(value[0]) for value in course.state)
-        metal_C = [float(nominal.temperature_C(nominal.at_level(state, one))) for one in (low, high)]
-        full = nominal.rates_in(nominal, tuple(map(np.atleast_1d, state)), kinds.full_A)
-        ahead = high + _AHEAD_S * float(full[0][0])
-        hot_C = float(nominal.temperature_C(nominal.at_level(state, ahead)))
-        hot = hot_C >= self.cut_C - _COOLED_K * self.cut
-        if hot and self.again_hot <= 0:
-            reaches = np.linspace(0.0, _SURELY, 11)
-            tried = self.most_probable + np.outer(reaches, self._toward())
-            costs, _ = self._costs(np.clip(tried, -_WIDEST, _WIDEST))
-            likely = costs <= costs[0] + _SURELY**2
-            reach = float(reaches[likely].max())
-            return replace(self, reach=reach, again_hot=_OFTEN)._judged(shown_C)
-        cut = hot or self.off_K > _DOUBT_K
-        return replace(
-            self, cut=cut, bounds=bounds, metal_C=(metal_C[0], metal_C[1])
-        )
+    def _solved(self, shown_C: float) -> HeatBelief:
+        """Make a Gauss-Newton step, and count how far off a reading is after it."""
+        (step,), _ = self.fit.solved(self.prior)
+        now = replace(self, step=step)
+        off_K = shown_C - now._estimate(now.fit.segments.shown_C)[0]
+        return replace(now, square_K2=self.square_K2 + (off_K**2 - self.square_K2) / _LAST)
 
-    def _rested(self, shown_C: float) -> HeatBelief:
-        """Begin anew with what is known by now."""
-        prior = self.most_probable
-        covariance = np.linalg.inv(self.hessian + self.precision)
-        floor = np.full(len(prior), 0.1)
-        floor[-1] = _PRIOR
-        prior[-1] = 0.0
-        covariance[-1] = covariance[:, -1] = 0.0
-        precision = np.linalg.inv(covariance + np.diag(floor**2))
-        now = replace(
-            self,
-            prior=prior,
-            precision=precision,
-            about=prior,
-            since=(),
-            begun_C=(shown_C, shown_C),
-            change=np.zeros(len(prior)),
-        )
-        return now._again_about(prior)
+    def _fitted(self, points: Array) -> Fit:
+        """Costs of kinds, (s, p), with all heat and readings since the start."""
+        size = self.kinds.size
+        spread, axes = np.linalg.eigh(np.linalg.inv(self._precision))
+        apart = _DEVIATION * (axes * np.sqrt(spread)).T
+        apart *= np.where(np.abs(points[0] + apart).max(axis=1) > _ENDS, -1.0, 1.0)[:, None]
+        every = points[:, None] + np.vstack([np.zeros(size), apart])
+        segments = self.kinds.begun(every.reshape(-1, size), self.start)
+        none = np.zeros((len(points), size, size))
+        fit = Fit(points, apart, segments, none[:, 0, 0], none[:, 0], none)
+        for heat, shown_C in self.since:
+            fit = fit.take(heat, shown_C)
+        return fit
 
+    def _anew(self, point: Array) -> HeatBelief:
+        """Make all about another kind."""
+        return replace(self, fit=self._fitted(point[None]), step=np.zeros(self.kinds.size))
 
-def _slope(values: Array, course: Course) -> Array:
-    """Sensitivities to the parameters, (p,)."""
-    slope: Array = course.inverse @ (values[1:] - values[0])
-    return slope
+    def _hotter(self) -> Array:
+        """Most probable direction in which metal is hotter, by one deviation, (p,)."""
+        _, (slope,) = self.fit.slopes(self.fit.segments.level)
+        toward: Array = np.linalg.solve(self._precision, slope)
+        return toward / math.sqrt(float(slope @ toward))
 
+    def _searched(self) -> HeatBelief:
+        """Search the most probable kind by Gauss-Newton steps from one start; in doubt, from more."""
+        starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
+        points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
+        found: list[tuple[float, Array]] = []
+        for _ in range(_ROUNDS):
+            fit = self._fitted(points)
+            steps, costs = fit.solved(self.prior)
+            best = int(costs.argmin())
+            found.append((float(costs[best]), points[best]))
+            points = points + steps
+        _, point = min(found, key=lambda one: one[0])
+        now = self._anew(point)
+        (step,), _ = now.fit.solved(now.prior)
+        now = replace(now, step=step, wait=max(_OFTEN, len(self.since) // 20))
+        last_C = [shown_C for _, shown_C in self.since if shown_C is not None][-1]
+        off_K = last_C - now._estimate(now.fit.segments.shown_C)[0]
+        return replace(now, square_K2=min(now.square_K2, off_K**2))
 
-def _beside(about: Array, precision: Array, colder: bool) -> Array:
-    """Parameters, and these a deviation off along each of their principal axes, (1 + p, p)."""
-    spread, axes = np.linalg.eigh(np.linalg.inv(precision))
-    apart = _DEVIATION * (axes * np.sqrt(spread)).T
-    signs = np.where(np.abs(about + apart).max(axis=1) > _WIDEST, -1.0, 1.0)
-    return about + np.vstack([np.zeros(len(about)), signs[:, None] * apart])
+    def _judged(self) -> HeatBelief:
+        """Switch off where metal may be too hot, or is that of no healthy segment.
 
+        Deviations are those of a linear problem: hotter metal that readings deny is left out.
+        """
+        doubted = self.off_K > _DOUBT_K
+        now = replace(self, surely=_SURELY)
+        if not now._hot(self.cut):
+            return replace(now, cut=doubted)
+        reaches = np.linspace(0.0, _SURELY, 11)
+        points = now.most_probable + np.outer(reaches, now._hotter())
+        _, costs = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
+        likely = reaches[costs <= costs[0] + _SURELY**2]
+        now = replace(now, surely=float(likely.max()))
+        return replace(now, cut=now._hot(self.cut) or doubted)
 
-def _course(kinds: Kinds, parameters: Array, begun_C: tuple[float, float]) -> Course:
-    """Begin at rest with parameters (n, p), of which the start is the last."""
-    all_of, count = kinds.middle + kinds.half * parameters, len(kinds.names)
-    inverse = np.zeros((0, 0))
-    if len(parameters) == 1 + parameters.shape[1]:
-        inverse = np.linalg.inv(parameters[1:] - parameters[0])
-    model = replace(kinds.nominal, **dict(zip(kinds.names, all_of.T, strict=False)))
-    gain, lag_s, share, keeps, bias, start_K = all_of.T[count:]
-    lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
-    metal_C, shown_C = begun_C
-    about_C = model.temperature_in(kinds.nominal, kinds.nominal.initial(metal_C)) - metal_C
-    starts_C = np.broadcast_to(metal_C + start_K - about_C, start_K.shape)
-    state = np.array([kinds.nominal.initial(one) for one in starts_C.tolist()]).T
-    lag_C = np.tile(shown_C + start_K * (metal_C == shown_C), (2, 1))
-    return Course(model, (gain, lags_s, keeps, bias), parameters, inverse, tuple(state), lag_C)
+    def _hot(self, cut: bool) -> bool:
+        """Whether metal may come too near to its limit before the next reading."""
+        ahead = self.levels[1] + float(self.fit.segments.warms_by(_AHEAD_S)[0])
+        return self._at_C(ahead) >= self.cut_C - _COOLED_K * cut
 
-
-def _warmed(kinds: Kinds, course: Course, heat: Heat) -> Course:
-    """Let time pass."""
-    nominal, model, state, lag_C = kinds.nominal, course.model, course.state, course.lag_C
-    (gain, lags_s, keeps, bias), air_C = course.sensor, model.ambient_C
-    share = np.clip(heat.share + heat.unknown * bias, 0.0, 1.0) * (np.clip(keeps, 0.0, 1.0) if heat.warm else 1.0)
-    if not math.isnan(heat.held_C):
-        share = _holding(kinds, course, heat.held_C)
-    steps = max(1, math.ceil(heat.passed_s / _STEP_S - 1e-9))
-    step_s, current_A = heat.passed_s / steps, kinds.full_A * np.sqrt(share)
-    kept = np.exp(-step_s / lags_s)
-    touched_C = air_C + gain * (model.temperature_in(nominal, state) - air_C)
-    for _ in range(steps):
-        state = _after(nominal, model, state, current_A, step_s)
-        before_C, touched_C = touched_C, air_C + gain * (model.temperature_in(nominal, state) - air_C)
-        middle_C = (before_C + touched_C) / 2
-        first_C = middle_C + (lag_C[0] - middle_C) * kept[0]
-        middle_C = (lag_C[0] + first_C) / 2
-        lag_C = np.array([first_C, middle_C + (lag_C[1] - middle_C) * kept[1]])
-    return course._replace(state=state, lag_C=lag_C)
-
-
-def _holding(kinds: Kinds, course: Course, shown_C: float) -> Array:
-    """Shares with which metal goes to where a reading shows it."""
-    nominal, model, (gain, *_) = kinds.nominal, course.model, course.sensor
-    here_C = model.temperature_in(nominal, course.state)
-    cools_C, warms_C = (
-        model.temperature_in(nominal, _after(nominal, model, course.state, current_A, 1.0))
-        for current_A in (0.0, kinds.full_A)
-    )
-    to_C = model.ambient_C + (shown_C - model.ambient_C) / gain
-    wanted_C = here_C + (to_C - here_C) / _HELD_S
-    range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
-    share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
-    return share
-
-
-def _after(
-    nominal: SegmentModel,
-    model: SegmentModel,
-    state: tuple[Array, ...],
-    current_A: Array | float,
-    for_s: float,
-) -> tuple[Array, ...]:
-    """Metal after a short time."""
-    rates = model.rates_in(nominal, state, current_A)
-    return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
+    def _begun_anew(self, shown_C: float) -> HeatBelief:
+        """Begin anew with what is known by now: it is less certain by the time since."""
+        covariance, mean = np.linalg.inv(self._precision), self.most_probable
+        mean[-1] = covariance[-1] = covariance[:, -1] = 0.0
+        passed_s = sum(heat.passed_s for heat, _ in self.since)
+        least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
+        least[-1] = _PRIOR
+        prior = Prior(mean, np.linalg.inv(covariance + np.diag(least**2)))
+        metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
+        now = replace(self, prior=prior, since=())
+        return replace(now, start=self.kinds.start(shown_C, metal_C))._anew(mean)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
-    nominal, described = segment_model(robot, air_C, segment), robot.thermal_segment(segment)
-    gain, lags_s = described.sensor_gain_and_lags_s
-    longest_s = 2 * described.ranges.get("sensor_lag_s", (0.0, max(lags_s)))[1]
-    within = healthy_ranges(nominal, described.ranges)
-    if "melting_point_C" in within:
-        low, high = within["melting_point_C"]
-        within["melting_point_C"] = low - 0.3, high + 0.3
-    within["ambient_C"] = air_C - _AIR_OFF_K, air_C + _AIR_OFF_K
-    low, high = described.ranges.get("sensor_gain", (gain, gain))
-    ends = [
-        *within.values(),
-        (low - _GAIN_OFF, high + _GAIN_OFF),
-        (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
-        _LAG_SHARES,
-        (0.0, 1.0),
-        (-1.0, 1.0),
-        (-_START_OFF_K, _START_OFF_K),
-    ]
-    low_, high_ = np.array(ends).T
-    kinds = Kinds(
-        nominal,
-        robot.heater.melt_current_A,
-        tuple(within),
-        (low_ + high_) / 2,
-        (high_ - low_) / 2,
+    kinds = healthy_kinds(robot, air_C, segment)
+    prior = Prior(np.zeros(kinds.size), np.eye(kinds.size) / _PRIOR**2)
+    start, size = kinds.start(start_C, start_C), kinds.size
+    apart = _PRIOR * _DEVIATION * np.eye(size)
+    segments = kinds.begun(np.vstack([np.zeros(size), apart]), start)
+    nothing = Fit(
+        np.zeros((1, size)), apart, segments, np.zeros(1), np.zeros((1, size)), np.zeros((1, size, size))
     )
-    nowhere = np.zeros(len(ends))
-    return HeatBelief(
-        kinds,
-        robot.heater.temperature_max_C - _BEFORE_LIMIT_K,
-        (start_C, start_C),
-        nowhere,
-        np.eye(len(ends)) / _PRIOR**2,
-        nowhere,
-        _course(kinds, _beside(nowhere, np.eye(len(ends)) / _PRIOR**2, False), (start_C, start_C)),
-        np.zeros((len(ends), len(ends))),
-        nowhere,
-        0.0,
-        nowhere,
-    )
+    cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
+    return HeatBelief(kinds, cut_C, prior, start, nothing, np.zeros(size))

@@ -14,7 +14,8 @@ from typing import Literal
 
 from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
-from twosra_mpc.execution.heat_belief import UNLIKE_K, Heat, HeatBelief, heat_belief
+from twosra_mpc.execution.healthy_segments import Heat
+from twosra_mpc.execution.heat_belief import UNLIKE_K, HeatBelief, heat_belief
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
@@ -46,7 +47,7 @@ _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
-_UNLIKE_S = 4.0  # after which a reading that no healthy segment shows is not believed
+_UNLIKE_S = 1.0  # after which a reading that no healthy segment shows is not believed
 _EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
