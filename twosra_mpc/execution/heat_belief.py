@@ -21,9 +21,9 @@ from twosra_mpc.execution.healthy_segments import Heat, Kinds, Segments, Start, 
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import Array
 
-UNLIKE_K = 1.6  # root mean square of the last readings from those of every healthy segment
-_DOUBT_K = 1.0  # from which on the heater waits
-_LAST = 5.0  # readings that this is of
+_UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
+_UNLIKE_COST = 26.0  # of the prior: far from what was known, as none of 1,000 segments is
+DOUBT = 0.5  # misfit from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
@@ -152,8 +152,15 @@ class HeatBelief:
 
     @property
     def off_K(self) -> float:
-        """Distance of the last readings from those of the most similar healthy segment."""
+        """Distance of the last readings from those of the most probable healthy segment."""
         return math.sqrt(self.square_K2)
+
+    @property
+    def misfit(self) -> float:
+        """Misfit of readings, or of what was known before; from 1 on no healthy segment has it."""
+        away = self.most_probable - self.prior.mean
+        known = float(away @ self.prior.precision @ away) / _UNLIKE_COST
+        return max(self.square_K2 / _UNLIKE_K**2, known)
 
     @property
     def shows_C(self) -> tuple[float, float]:
@@ -197,7 +204,7 @@ class HeatBelief:
             return now
         now = now._solved(shown_C)
         far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
-        if far and (now.wait <= 0 or now.off_K > _DOUBT_K):
+        if far and (now.wait <= 0 or now.misfit > DOUBT):
             now = now._searched()
         now = now._judged()
         if now.off_K < _FAR_K and now._rests(shown_C):
@@ -280,7 +287,7 @@ class HeatBelief:
 
         Deviations are those of a linear problem: hotter metal that readings deny is left out.
         """
-        doubted = self.off_K > _DOUBT_K
+        doubted = self.misfit > DOUBT
         now = replace(self, surely=_SURELY)
         if not now._hot(self.cut):
             return replace(now, cut=doubted)
@@ -317,7 +324,12 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     apart = _PRIOR * _DEVIATION * np.eye(size)
     segments = kinds.begun(np.vstack([np.zeros(size), apart]), start)
     nothing = Fit(
-        np.zeros((1, size)), apart, segments, np.zeros(1), np.zeros((1, size)), np.zeros((1, size, size))
+        np.zeros((1, size)),
+        apart,
+        segments,
+        np.zeros(1),
+        np.zeros((1, size)),
+        np.zeros((1, size, size)),
     )
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
     return HeatBelief(kinds, cut_C, prior, start, nothing, np.zeros(size))

@@ -15,7 +15,7 @@ from typing import Literal
 from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.execution.healthy_segments import Heat
-from twosra_mpc.execution.heat_belief import UNLIKE_K, HeatBelief, heat_belief
+from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
@@ -280,7 +280,7 @@ class SegmentWatch:
 
     def _check_likeness(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
         """A reading that no healthy segment shows after so much heat."""
-        unlike_s = self._lasts_s("unlike", belief.off_K > UNLIKE_K, time_s, here_C)
+        unlike_s = self._lasts_s("unlike", belief.misfit >= 1.0, time_s, here_C)
         if unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
