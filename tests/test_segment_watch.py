@@ -71,8 +71,8 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
         "relay",
         32,
     ),
-    ("slow", rows(OFF_C, lambda t: 55 - 0.05 * t, "changing", 2000), "cooling", 90),
-    ("weak", rows(SOFT_C, lambda t: min(25 + t, 58.0) + noise(t), "changing", 2000), "sensor", 150),
+    ("slow", rows(OFF_C, lambda t: 55 - 0.05 * t, "changing", 2000), "cooling", 100),
+    ("weak", rows(SOFT_C, lambda t: 25 + 0.35 * t + noise(t), "changing", 2000), "sensor", 60),
     ("jump", rows(OFF_C, lambda t: 40 + noise(t) + 9 * (t > 20), "rigid", 60), "sensor", 30),
     ("drift", rows(OFF_C, lambda t: 25 - 0.5 * t + noise(t), "rigid", 60), "sensor", 30),
     (

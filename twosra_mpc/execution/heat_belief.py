@@ -1,9 +1,9 @@
 """Belief about the heat of a segment: a moving horizon estimate of its kind and of its metal.
 
 Metal warms without chance, as the segment's parameters have it: the power of its heater, its latent
-heat, its loss, the lag of its sensor. Their most probable values, given all readings since the metal
-last was at rest, are found by Gauss-Newton steps within the ranges of healthy robots; what was
-known before is the prior. Beside a segment of these values others are warmed, one deviation off
+heat, its loss, the lag of its sensor. Their most probable values, given all readings since the
+metal last was at rest, are found by Gauss-Newton steps within the ranges of healthy robots; what
+was known before is the prior. Beside a segment of these values others are warmed, a deviation off
 along each principal axis of what is not known: their differences are the sensitivities of readings
 and metal. The heater is off where metal may be too hot, or where no healthy segment would have
 shown what was shown.
@@ -212,7 +212,7 @@ class HeatBelief:
         return now
 
     def _rests(self, shown_C: float) -> bool:
-        """Whether the metal's heat is known by the reading, or no more by the heat since the start."""
+        """Whether a reading tells the metal's heat, or the heater's does not any more."""
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
             return True
         unknown_s = sum(heat.unknown_s for heat, _ in self.since)
@@ -264,7 +264,7 @@ class HeatBelief:
         return toward / math.sqrt(float(slope @ toward))
 
     def _searched(self) -> HeatBelief:
-        """Search the most probable kind by Gauss-Newton steps from one start; in doubt, from more."""
+        """Search the most probable kind by Gauss-Newton steps; in doubt, from several starts."""
         starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
         points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
         found: list[tuple[float, Array]] = []
