@@ -1,4 +1,4 @@
-"""Healthy segments contain the true one; no sensor makes metal too hot."""
+"""The estimate is near the true metal; no sensor makes metal too hot; no healthy robot is stopped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from benchmarks.lying import LIES, Metal, watched
 from twosra_mpc import load_robot
 from twosra_mpc.execution.healthy_segments import Heat
-from twosra_mpc.execution.heat_belief import UNLIKE_K, HeatBelief, heat_belief
+from twosra_mpc.execution.heat_belief import DOUBT, HeatBelief, heat_belief
 from twosra_mpc.thermal.uncertainty import drawn, healthy, healthy_ranges
 
 ROBOT = load_robot("2sra-v1")
@@ -40,28 +40,30 @@ def heated(
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_metal_of_a_healthy_robot_is_between_that_of_those_that_are_left(seed: int) -> None:
+def test_the_metal_of_a_healthy_robot_is_within_the_bounds(seed: int) -> None:
     rng = np.random.default_rng(seed)
     metal = Metal(ROBOT, AIR_C, rng, False)
     belief = heated(begun(), metal, float(rng.uniform(2.0, 8.0)))
     coldest_C, hottest_C = belief.metal_C
     assert coldest_C - NEAR_K <= metal.temperature_C <= hottest_C + NEAR_K
-    assert belief.off_K < UNLIKE_K / 2
+    assert belief.misfit < DOUBT
     assert belief.may_be_liquid
 
 
 def test_what_a_robot_has_shown_is_known_from_melt_to_melt() -> None:
-    belief = begun()
-    hot = heated(belief, Metal(ROBOT, AIR_C, np.random.default_rng(1), False), 4.0)
-
-    def spread(these: HeatBelief) -> float:
-        """Of the rates at which they warm."""
-        every = dict(zip(these.all.kinds.names, these.all.values, strict=False))
-        warms = every["resistance_ohm"] / every["heat_solid_J_per_K"]
-        return float(warms[these.left].std())
-
-    assert spread(hot) < 0.6 * spread(belief)
-    assert (hot.high - hot.low <= belief.high - belief.low).all()
+    """A coil's power is known once it has warmed metal, also after a rest."""
+    metal = Metal(ROBOT, AIR_C, np.random.default_rng(1), False)
+    hot = heated(begun(), metal, 4.0)
+    cold = hot
+    while len(cold.since) != 0:
+        for _ in range(10):
+            metal.advance(0.0)
+        cold = cold.take(OFF, metal.temperature_C)
+    at = cold.kinds.names.index("resistance_ohm")
+    ohm = cold.kinds.middle + cold.kinds.half * cold.prior.mean
+    assert ohm[at] == pytest.approx(metal.ohm, rel=0.1)
+    variance = np.linalg.inv(cold.prior.precision)[at, at]
+    assert variance < 0.3 * np.linalg.inv(begun().prior.precision)[at, at]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -99,7 +101,7 @@ def test_a_reading_at_the_set_point_makes_no_liquid_of_metal_without_the_heat_fo
         belief = belief.take(Heat(1.0, 0.02), SET_C)
     assert not belief.may_be_liquid
     assert belief.cut
-    assert belief.metal_C[1] < AIR_C + 8.0
+    assert belief.misfit > 1.0
 
 
 @pytest.mark.parametrize(("lag_s", "scale"), [(30.0, 1.0), (1e4, 1.0), (4.0, 0.6)])
@@ -118,12 +120,10 @@ def test_heat_of_two_times_is_that_of_both() -> None:
 
 
 def test_simulated_segments_are_drawn_within_what_is_watched_as_healthy() -> None:
-    belief, ranges = begun(), ROBOT.thermal_segment(0).ranges
-    kinds = belief.all.kinds
+    kinds, ranges = begun().kinds, ROBOT.thermal_segment(0).ranges
     within, rng = healthy_ranges(kinds.nominal, ranges), np.random.default_rng(0)
-    ends = dict(
-        zip(kinds.names, zip(belief.low[:, 0], belief.high[:, 0], strict=True), strict=False)
-    )
+    low, high = kinds.middle - kinds.half, kinds.middle + kinds.half
+    ends = dict(zip(kinds.names, zip(low, high, strict=True), strict=False))
     for _ in range(2000):
         one = healthy(drawn(kinds.nominal, ranges, rng), within)
-        assert all(ends[n][0] <= getattr(one, n) <= ends[n][1] for n in within)
+        assert all(ends[n][0] - 1e-9 <= getattr(one, n) <= ends[n][1] + 1e-9 for n in within)

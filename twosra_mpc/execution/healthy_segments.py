@@ -1,7 +1,8 @@
-"""Healthy segments of every kind, warmed by one heater's current, each under a sensor of its own.
+"""Healthy segments of every kind, warmed side by side by one heater, each under its own sensor.
 
-They are drawn over the ranges of the robot file, and a little wider. All are one segment model
-whose parameters are arrays.
+A kind is a point of a box: each parameter of the segment's model, of the air, of the sensor and of
+the firmware, from -1 to 1 over the range of robots that nothing ails. All segments are one model
+whose parameters are arrays; their metal is counted as the described segment's would be.
 """
 
 from __future__ import annotations
@@ -11,17 +12,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
 
-COUNT = 600  # with fewer, the one most like a true one may be lost
-_WIDER = 0.03  # share by which ranges are wider than the robot file's: segments at their ends
-_MELTS_OFF_K, _AIR_OFF_K = 1.3, 2.0  # thermistors and dividers of 1 % parts
-_LAGS, _SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in one of the two
-_START_OFF_K = 3.0  # of metal that is said to be warm
+_MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 0.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
+_LAGS, _SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in the first of two
+_REST_OFF_K, _WARM_OFF_K = 1.0, 3.0  # of metal at rest; of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a reading is of solid metal
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
 _STEP_S = 0.5  # the fastest metal warms by 1 K in it
@@ -29,14 +27,14 @@ _EPS = 1e-6
 
 
 class Heat(NamedTuple):
-    """What a heater did from one reading to the next.
+    """Heat of a heater from one reading to the next.
 
     Attributes:
         passed_s: Time.
-        share: Share of it at full current, or of the full current's heat.
+        share: Share of full power.
         unknown: By how much more or less that may be.
         warm: Whether this was metal to be kept warm, not molten: not every firmware does.
-        held_C: Reading about which a switch holds liquid metal, with a share nobody knows; or NaN.
+        held_C: Reading about which a switch holds metal, with a share nobody knows; or NaN.
     """
 
     passed_s: float
@@ -46,8 +44,13 @@ class Heat(NamedTuple):
     held_C: float = math.nan
 
     @property
+    def off(self) -> bool:
+        """Whether there was none."""
+        return not self.share and not self.unknown and math.isnan(self.held_C)
+
+    @property
     def unknown_s(self) -> float:
-        """Time at full current that nobody knows of."""
+        """Time at full power that nobody knows of."""
         return self.passed_s * (self.unknown if math.isnan(self.held_C) else 1.0)
 
     def then(self, later: Heat) -> Heat:
@@ -64,202 +67,182 @@ class Heat(NamedTuple):
         return Heat(passed_s, share, unknown, later.warm, held_C)
 
 
-@dataclass(frozen=True)
+class Start(NamedTuple):
+    """Rest at the start: temperatures of metal and sensor, and by how much the metal's may be off.
+
+    The metal's is the last parameter of a kind.
+    """
+
+    metal_C: float
+    shown_C: float
+    off_K: float
+
+
+@dataclass(frozen=True, eq=False)
 class Kinds:
-    """Kinds of segments that are healthy.
+    """Kinds of healthy segments.
 
     Attributes:
         nominal: The segment as described.
         full_A: Full current.
-        solid_C: Reading below which all metal is solid.
         names: Parameters of the model that differ.
-        low: Least values of these; of gain, lag and its share in the first of two; of whether
-            firmware keeps metal warm, if rounded, (p, 1).
-        high: Largest, (p, 1).
+        middle: Middle of their ranges, and of those of the sensor's gain, of its lag, of the lag's
+            share in the first of two, of whether firmware keeps metal warm, of the sign of unknown
+            heat, and of the start, (p,).
+        half: Half of each range, (p,).
     """
 
     nominal: SegmentModel
     full_A: float
-    solid_C: float
     names: tuple[str, ...]
-    low: Array
-    high: Array
+    middle: Array
+    half: Array
 
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Values of segments drawn evenly, (p, n)."""
-        return self.low + (self.high - self.low) * rng.random((len(self.low), COUNT))
+    @property
+    def size(self) -> int:
+        """Number of parameters p."""
+        return len(self.middle)
 
-    def model(self, values: Array) -> SegmentModel:
-        """All as one, whose parameters are arrays."""
-        return replace(self.nominal, **dict(zip(self.names, values, strict=False)))
+    def is_solid(self, shown_C: float) -> bool:
+        """Whether a reading is surely of solid metal."""
+        return shown_C < thresholds_C(self.nominal)[0] - _SOLID_K
+
+    def start(self, shown_C: float, said_C: float) -> Start:
+        """Rest as the first reading has it where metal is solid, else as it is said to be."""
+        if self.is_solid(shown_C):
+            return Start(shown_C, shown_C, _REST_OFF_K)
+        return Start(said_C, shown_C, _WARM_OFF_K)
+
+    def begun(self, points: Array, start: Start) -> Segments:
+        """Begin with segments of some kinds (n, p) at rest."""
+        values, count = (self.middle + self.half * points).T, len(self.names)
+        model = replace(self.nominal, **dict(zip(self.names, values, strict=False)))
+        gain, lag_s, share, keeps, bias, off = values[count:]
+        lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
+        nominal, off_K = self.nominal, start.off_K * off
+        melts_K = model.temperature_in(nominal, nominal.initial(start.metal_C)) - start.metal_C
+        each = [nominal.initial(one) for one in (start.metal_C + off_K - melts_K).tolist()]
+        shown_C = start.shown_C + off_K * (start.metal_C == start.shown_C)
+        sensor = Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)
+        return Segments(self, model, sensor, tuple(np.array(each).T), np.array([shown_C, shown_C]))
+
+
+class Sensor(NamedTuple):
+    """Sensors and firmware, each (n,): gain, lags (2, n), heat to keep warm, unknown heat."""
+
+    gain: Array
+    lags_s: Array
+    keeps: Array
+    bias: Array
 
 
 @dataclass(frozen=True, eq=False)
-class HealthySegments:
+class Segments:
     """Segments, their metal and what their sensors show.
 
     Attributes:
-        kinds: What they are drawn from.
-        values: Of each segment, (p, n).
+        kinds: What they are of.
         model: All as one.
-        state: Of its metal, by the model, each (n,).
-        lag_C: Of its sensor, (2, n); the last is what it shows.
-        worst_K: Largest distance from the readings, which is forgotten slowly, (n,).
-        taken: Times that have passed, the seed of what is drawn.
+        sensor: Their sensors.
+        state: Of their metal, as the nominal model's, each (n,).
+        lag_C: Of their sensors, (2, n); the last is what they show.
     """
 
     kinds: Kinds
-    values: Array
     model: SegmentModel
+    sensor: Sensor
     state: tuple[Array, ...]
     lag_C: Array
-    worst_K: Array
-    taken: int = 0
 
     @property
-    def metal_C(self) -> Array:
-        """Temperature of each."""
-        return self.model.temperature_C(self.state)
+    def shown_C(self) -> Array:
+        """Readings, (n,)."""
+        shown_C: Array = self.lag_C[1]
+        return shown_C
 
     @property
-    def liquid(self) -> NDArray[np.bool_]:
-        """Which are liquid."""
-        return np.asarray(self.model.level(self.state) >= self.model.liquid_level)
+    def level(self) -> Array:
+        """Levels of the metal, as the nominal model's, (n,)."""
+        return self.kinds.nominal.level(self.state)
 
-    def rng(self, *more: int) -> np.random.Generator:
-        """Chance that is the same in every run."""
-        return np.random.default_rng([self.taken, *more])
-
-    def begun(self, shown_C: float, start_C: float) -> HealthySegments:
-        """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        (gain, *_), air_C = self._sensor(), self.model.ambient_C
-        metal_C = air_C + (shown_C - air_C) / gain
-        if shown_C >= self.kinds.solid_C:
-            metal_C = start_C + self.rng().uniform(-_START_OFF_K, _START_OFF_K, len(gain))
-        nominal = self.kinds.nominal
-        each = [nominal.initial(one_C) for one_C in metal_C.tolist()]
-        state = self.model.as_in(nominal, tuple(map(np.array, zip(*each, strict=True))))
-        touched_C = air_C + gain * (self.model.temperature_C(state) - air_C)
-        return replace(self, state=state, lag_C=np.array([touched_C, touched_C]))
-
-    def warmed(self, heat: Heat) -> HealthySegments:
-        """Let time pass for all."""
+    def warmed(self, heat: Heat) -> Segments:
+        """Let time pass."""
         if not heat.passed_s:
             return self
-        model, state, lag_C = self.model, self.state, self.lag_C
-        (gain, lags_s, keeps), air_C = self._sensor(), model.ambient_C
-        share = np.full(len(gain), heat.share)
-        if heat.unknown:
-            share += heat.unknown * self.rng().uniform(-1.0, 1.0, len(gain))
-        share = np.clip(share, 0.0, 1.0) * (keeps if heat.warm else 1.0)
+        state, lag_C, sensor = self.state, self.lag_C, self.sensor
+        share = np.clip(heat.share + heat.unknown * sensor.bias, 0.0, 1.0)
+        if heat.warm:
+            share = share * sensor.keeps
         if not math.isnan(heat.held_C):
-            share = np.where(self.liquid, self._holding(heat.held_C), share)
+            share = self._holding(heat.held_C)
         steps = max(1, math.ceil(heat.passed_s / _STEP_S - 1e-9))
         step_s, current_A = heat.passed_s / steps, self.kinds.full_A * np.sqrt(share)
-        kept = np.exp(-step_s / lags_s)
-        touched_C = air_C + gain * (model.temperature_C(state) - air_C)
+        kept = np.exp(-step_s / sensor.lags_s)
+        touched_C = self._touched_C(state)
         for _ in range(steps):
-            state = _after(model, state, current_A, step_s)
-            before_C, touched_C = touched_C, air_C + gain * (model.temperature_C(state) - air_C)
+            state = self._after(state, current_A, step_s)
+            before_C, touched_C = touched_C, self._touched_C(state)
             middle_C = (before_C + touched_C) / 2
             first_C = middle_C + (lag_C[0] - middle_C) * kept[0]
             middle_C = (lag_C[0] + first_C) / 2
             lag_C = np.array([first_C, middle_C + (lag_C[1] - middle_C) * kept[1]])
-        return replace(self, state=state, lag_C=lag_C, taken=self.taken + 1)
+        return replace(self, state=state, lag_C=lag_C)
 
-    def compared(self, shown_C: float, kept: float) -> HealthySegments:
-        """Compare all with a reading, of what was before keeping a share."""
-        off_K = np.abs(self.lag_C[1] - shown_C)
-        return replace(self, worst_K=np.maximum(off_K, self.worst_K * kept))
+    def warms_by(self, for_s: float) -> Array:
+        """Rise of the level at full current, (n,)."""
+        nominal = self.kinds.nominal
+        ahead = self._after(self.state, self.kinds.full_A, for_s)
+        return nominal.level(ahead) - nominal.level(self.state)
 
-    def moved(self, of: NDArray[np.intp], values: Array) -> HealthySegments:
-        """Segments as warm and as far molten as some of these are, of other values."""
-        copied, model = self.kinds.model(self.values[:, of]), self.kinds.model(values)
-        state = model.as_in(copied, tuple(value[of] for value in self.state))
-        lag_C, worst_K = self.lag_C[:, of], self.worst_K[of]
-        return replace(self, values=values, model=model, state=state, lag_C=lag_C, worst_K=worst_K)
-
-    def heated(self, more_s: Array | float) -> HealthySegments:
-        """Give each the heat of so long at full current, or take it away."""
-        warm, cool = (self.model.rates(self.state, a) for a in (self.kinds.full_A, 0.0))
-        each = zip(self.state, warm, cool, strict=True)
-        return replace(self, state=tuple(value + more_s * (w - c) for value, w, c in each))
-
-    def ahead_C(self, for_s: float) -> Array:
-        """Temperatures after a short time at full current."""
-        return self.model.temperature_C(_after(self.model, self.state, self.kinds.full_A, for_s))
-
-    def nearest(self, others: HealthySegments) -> HealthySegments:
-        """As many of both as are here, those that are nearest to what was shown."""
-        far_K = np.concatenate([self.worst_K, others.worst_K])
-        best = np.argsort(far_K, kind="stable")[: len(self.worst_K)]
-
-        def of(mine: Array, theirs: Array) -> Array:
-            both: Array = np.concatenate([mine, theirs], axis=-1)[..., best]
-            return both
-
-        values = of(self.values, others.values)
-        return replace(
-            self,
-            values=values,
-            model=self.kinds.model(values),
-            state=tuple(map(of, self.state, others.state)),
-            lag_C=of(self.lag_C, others.lag_C),
-            worst_K=far_K[best],
+    def _touched_C(self, state: tuple[Array, ...]) -> Array:
+        """Temperatures that the sensors lag behind."""
+        air_C = self.model.ambient_C
+        return air_C + self.sensor.gain * (
+            self.model.temperature_in(self.kinds.nominal, state) - air_C
         )
 
-    def _sensor(self) -> tuple[Array, Array, Array]:
-        """Gains, time constants (2, n), and 1 or 0: whether firmware keeps metal warm."""
-        gain, lag_s, share, keeps = self.values[len(self.kinds.names) :]
-        return gain, np.array([lag_s * share, lag_s * (1 - share)]) + _EPS, keeps.round()
+    def _after(
+        self, state: tuple[Array, ...], current_A: Array | float, for_s: float
+    ) -> tuple[Array, ...]:
+        rates = self.model.rates_in(self.kinds.nominal, state, current_A)
+        return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
 
     def _holding(self, shown_C: float) -> Array:
         """Shares with which metal goes to where a reading shows it."""
-        model, (gain, *_) = self.model, self._sensor()
-        here_C = self.metal_C
+        model, nominal, air_C = self.model, self.kinds.nominal, self.model.ambient_C
+        here_C = model.temperature_in(nominal, self.state)
         cools_C, warms_C = (
-            model.temperature_C(_after(model, self.state, current_A, 1.0))
+            model.temperature_in(nominal, self._after(self.state, current_A, 1.0))
             for current_A in (0.0, self.kinds.full_A)
         )
-        to_C = model.ambient_C + (shown_C - model.ambient_C) / gain
+        to_C = air_C + (shown_C - air_C) / self.sensor.gain
         wanted_C = here_C + (to_C - here_C) / _HELD_S
         range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
         share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
         return share
 
 
-def _after(
-    model: SegmentModel, state: tuple[Array, ...], current_A: Array | float, for_s: float
-) -> tuple[Array, ...]:
-    """Metal after a short time."""
-    rates = model.rates(state, current_A)
-    return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
-
-
-def healthy_segments(robot: Robot, air_C: float, segment: int, start_C: float) -> HealthySegments:
-    """Draw segments of all kinds that have rested at this temperature; from 0."""
+def healthy_kinds(robot: Robot, air_C: float, segment: int) -> Kinds:
+    """Kinds that a segment (from 0) in this air may be of."""
     nominal, described = segment_model(robot, air_C, segment), robot.thermal_segment(segment)
     gain, lags_s = described.sensor_gain_and_lags_s
     longest_s = 2 * described.ranges.get("sensor_lag_s", (0.0, max(lags_s)))[1]
-    within = {
-        name: (low - _MELTS_OFF_K, high + _MELTS_OFF_K)
-        if name == "melting_point_C"
-        else (low * (1 - _WIDER), high * (1 + _WIDER))
-        for name, (low, high) in healthy_ranges(nominal, described.ranges).items()
-    }
-    within["ambient_C"] = (air_C - _AIR_OFF_K, air_C + _AIR_OFF_K)
-    ends = [
-        *within.values(),
-        described.ranges.get("sensor_gain", (gain, gain)),
-        (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
-        _SHARES,
-        (0.0, 1.0),
-    ]
-    low, high = np.array(ends).T[:, :, None]
-    solid_C = thresholds_C(nominal)[0] - _SOLID_K
-    kinds = Kinds(nominal, robot.heater.melt_current_A, solid_C, tuple(within), low, high)
-    values, nowhere = kinds.drawn(np.random.default_rng(segment)), np.zeros(COUNT)
-    drawn = HealthySegments(
-        kinds, values, kinds.model(values), (nowhere,), np.array([nowhere, nowhere]), nowhere
+    within = healthy_ranges(nominal, described.ranges)
+    if "melting_point_C" in within:
+        least_C, most_C = within["melting_point_C"]
+        within["melting_point_C"] = least_C - _MELTS_OFF_K, most_C + _MELTS_OFF_K
+    within["ambient_C"] = air_C - _AIR_OFF_K, air_C + _AIR_OFF_K
+    low, high = described.ranges.get("sensor_gain", (gain, gain))
+    ends = np.array(
+        [
+            *within.values(),
+            (low - _GAIN_OFF, high + _GAIN_OFF),
+            (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
+            _SHARES,
+            (0.0, 1.0),
+            (-1.0, 1.0),
+            (-1.0, 1.0),
+        ]
     )
-    return drawn.begun(start_C, start_C)
+    middle, half = ends.mean(axis=1), np.diff(ends, axis=1)[:, 0] / 2
+    return Kinds(nominal, robot.heater.melt_current_A, tuple(within), middle, half)

@@ -1,188 +1,335 @@
-"""Belief about the heat of a segment: the healthy segments that would have shown what it showed.
+"""Belief about the heat of a segment: a moving horizon estimate of its kind and of its metal.
 
-Healthy segments of every kind are warmed by the heater's known current beside the true one.
-Whichever shows something else is replaced by one like those that are left, so all that a robot has
-shown is known: the power of its heater, its latent heat, its loss, the lag of its sensor. Metal is
-as hot as the hottest of those that are left, liquid where one of them is, and liquid for sure where
-all are. Where none of them is like a reading, the heater is off; and once from one rest to the next
-others are looked for that would have shown everything since. Such others are bounded by what was
-shown before, else a sensor that sticks would be explained until the metal is too hot.
+Metal warms without chance, as the segment's parameters have it: the power of its heater, its latent
+heat, its loss, the lag of its sensor. Their most probable values, given all readings since the
+metal last was at rest, are found by Gauss-Newton steps within the ranges of healthy robots; what
+was known before is the prior. Beside a segment of these values others are warmed, a deviation off
+along each principal axis of what is not known: their differences are the sensitivities of readings
+and metal. The heater is off where metal may be too hot, or where no healthy segment would have
+shown what was shown.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twosra_mpc.execution.healthy_segments import HealthySegments, Heat, healthy_segments
+from twosra_mpc.execution.healthy_segments import Heat, Kinds, Segments, Start, healthy_kinds
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import Array
 
-UNLIKE_K = 1.1  # off by more is no healthy segment: of nearly all, one is nearer than 0.4 K
-_DOUBT_K = 0.7  # off by more, the heater waits
-_FITS_K, _AS_WELL = 0.45, 1.4  # so far off at most, or so many times as far as the best, it is left
-_FORGET_S = 80.0  # over which a distance is forgotten: currents are known to a second only
-_FORGET_UNKNOWN_S = 15.0  # of heat that nobody knows, over which a search forgets it
-_RENEWED = 0.4  # share of those left below which the others are replaced
-_LEARNED, _UNLEARNED = 0.1, 0.1  # of what others are not, the new are not; but near them
-_SPREAD, _LEAST_SPREAD = 0.3, 0.003  # of the new: of those left, and of the ranges
-_NEARER = 1 - math.sqrt(1 - _SPREAD**2)  # by which they are drawn in: as widely spread as before
-_METAL_S = 0.02  # of full heat, by which their metal differs from what they replace
+_UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
+_UNLIKE_COST = 26.0  # of the prior: far from what was known, as none of 1,000 segments is
+DOUBT = 0.5  # misfit from which on the heater waits
+_NOISE_K = 1.0  # of a reading a second: neighbours err alike
+_PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
+_KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
+_ENDS = 1.05  # of the ranges: segments at their ends
+_SURELY = 2.5  # deviations
+_DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
+_FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
+_STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
-_QUIET_S = 30.0  # after which a sensor shows metal without its heater
-_MOST = 2000  # readings that are remembered: half an hour
-_ROUNDS, _ELITE = 6, 10  # of a search; one of so many is among the best, as others are drawn
-_NEAR, _OVER = 0.1, 1.2  # spread of the first: of the ranges; of the others: of the best
+_QUIET_S = 60.0  # after which metal is at rest
+_UNKNOWN_S = 8.0  # of full heat, after which liquid metal is as warm as the reading has it
+_MOST = 1800  # readings that are remembered: half an hour
+
+
+class Prior(NamedTuple):
+    """Normal distribution: most probable parameters (p,), and the inverse covariance (p, p)."""
+
+    mean: Array
+    precision: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Costs of some kinds, and their derivatives: twice the negative logarithm of a probability.
+
+    Attributes:
+        about: The kinds, (s, p).
+        apart: Parameters of the others beside each, less its own, (p, p).
+        segments: All of them, s times 1 + p.
+        cost: Of the readings, (s,).
+        gradient: Half of the negative gradient, (s, p).
+        hessian: Half of it, (s, p, p).
+    """
+
+    about: Array
+    apart: Array
+    segments: Segments
+    cost: Array
+    gradient: Array
+    hessian: Array
+
+    def slopes(self, values: Array) -> tuple[Array, Array]:
+        """Values (s,) of the kinds, and their sensitivities (s, p)."""
+        count, size = self.about.shape
+        each = values.reshape(count, 1 + size)
+        return each[:, 0], np.linalg.solve(self.apart, (each[:, 1:] - each[:, :1]).T).T
+
+    def take(self, heat: Heat, shown_C: float | None) -> Fit:
+        """Warm all, and compare them with a reading, if there is one."""
+        now = replace(self, segments=self.segments.warmed(heat))
+        if shown_C is None:
+            return now
+        here_C, slope = now.slopes(now.segments.shown_C)
+        weight, off_K = heat.passed_s / _NOISE_K**2, shown_C - here_C
+        return replace(
+            now,
+            cost=self.cost + weight * off_K**2,
+            gradient=self.gradient + weight * off_K[:, None] * slope,
+            hessian=self.hessian + weight * slope[:, :, None] * slope[:, None, :],
+        )
+
+    def solved(self, prior: Prior) -> tuple[Array, Array]:
+        """Gauss-Newton steps within the ranges (s, p), and the costs here with the prior's (s,)."""
+        steps = np.empty_like(self.about)
+        for step, about, gradient, hessian in zip(
+            steps, self.about, self.gradient, self.hessian, strict=True
+        ):
+            right = gradient + prior.precision @ (prior.mean - about)
+            step[:] = _within(hessian + prior.precision, right, -_ENDS - about, _ENDS - about)
+        off = self.about - prior.mean
+        return steps, self.cost + np.einsum("si,ij,sj->s", off, prior.precision, off)
+
+
+def _within(matrix: Array, right: Array, low: Array, high: Array) -> Array:
+    """Solve a linear system; what leaves its bounds stays on them."""
+    step, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
+    while free.any():
+        rest = right[free] - matrix[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+        out = free & ((step < low) | (step > high))
+        if not out.any():
+            break
+        step, free = np.clip(step, low, high), free & ~out
+    bounded: Array = np.clip(step, low, high)
+    return bounded
 
 
 @dataclass(frozen=True, eq=False)
 class HeatBelief:
-    """Healthy segments and what was shown; a value, which ``take`` replaces.
+    """Estimate of a segment; a value, which ``take`` replaces.
 
     Attributes:
-        all: The segments.
-        low: Least values of those that replace others, (p, 1).
-        high: Largest; what a robot has shown draws both nearer.
+        kinds: Of healthy segments.
         cut_C: Temperature of the hottest from which on the heater is off.
-        cut: Whether the heater must be off, whatever a reading says.
-        start: The segments when the metal was last surely solid, its heater off for a while.
-        since: Heat and readings since.
+        prior: What was known at the start.
+        start: Rest at the start.
+        fit: Of one kind, which is near the most probable.
+        step: Gauss-Newton step from there, (p,).
+        since: Heat and readings since the start.
+        square_K2: Mean square distance of the last readings.
         quiet_s: Time for which the heater has been off.
-        looked: Whether others were looked for since then.
+        wait: Readings until all may be made anew.
+        surely: Deviations up to which metal may be hotter.
+        cut: Whether the heater must be off, whatever a reading says.
     """
 
-    all: HealthySegments
-    low: Array
-    high: Array
+    kinds: Kinds
     cut_C: float
-    start: HealthySegments
-    cut: bool = False
+    prior: Prior
+    start: Start
+    fit: Fit
+    step: Array
     since: tuple[tuple[Heat, float | None], ...] = ()
+    square_K2: float = 0.0
     quiet_s: float = 0.0
-    looked: bool = False
+    wait: int = 0
+    surely: float = _SURELY
+    cut: bool = False
+
+    @property
+    def most_probable(self) -> Array:
+        """Parameters, (p,)."""
+        both: Array = self.fit.about[0] + self.step
+        return both
 
     @property
     def off_K(self) -> float:
-        """Distance of the readings from those of the most similar healthy segment."""
-        return float(self.all.worst_K.min())
+        """Distance of the last readings from those of the most probable healthy segment."""
+        return math.sqrt(self.square_K2)
 
     @property
-    def left(self) -> NDArray[np.bool_]:
-        """Which are left, (n,)."""
-        return self.all.worst_K <= max(_FITS_K, _AS_WELL * self.off_K)
+    def misfit(self) -> float:
+        """Misfit of readings, or of what was known before; from 1 on no healthy segment has it."""
+        away = self.most_probable - self.prior.mean
+        known = float(away @ self.prior.precision @ away) / _UNLIKE_COST
+        return max(self.square_K2 / _UNLIKE_K**2, known)
 
     @property
     def shows_C(self) -> tuple[float, float]:
-        """Lowest and highest reading of those that are left."""
-        shown_C = self.all.lag_C[1][self.left]
-        return float(shown_C.min()), float(shown_C.max())
+        """Lowest and highest reading that is to be expected."""
+        middle_C, deviation_C = self._estimate(self.fit.segments.shown_C)
+        return middle_C - _SURELY * deviation_C, middle_C + _SURELY * deviation_C
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Lowest and highest level of the metal, as the nominal model's."""
+        middle, deviation = self._estimate(self.fit.segments.level)
+        return middle - _SURELY * deviation, middle + self.surely * deviation
 
     @property
     def metal_C(self) -> tuple[float, float]:
-        """Coldest and hottest metal of those that are left."""
-        metal_C = self.all.metal_C[self.left]
-        return float(metal_C.min()), float(metal_C.max())
+        """Coldest and hottest metal."""
+        low, high = self.levels
+        return self._at_C(low), self._at_C(high)
 
     @property
     def may_be_liquid(self) -> bool:
-        """Whether one of those that are left is liquid."""
-        return bool(self.all.liquid[self.left].any())
+        """Whether the metal may be liquid."""
+        return self.levels[1] >= self.kinds.nominal.liquid_level
 
     @property
     def surely_liquid(self) -> bool:
-        """Whether all that are left are liquid."""
-        return bool(self.all.liquid[self.left].all())
+        """Whether the metal is liquid for sure."""
+        return self.levels[0] >= self.kinds.nominal.liquid_level
 
-    def begun(self, shown_C: float, start_C: float) -> HeatBelief:
+    def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        start = self.all.begun(shown_C, start_C)
-        return replace(self, all=start, start=start)
+        now = replace(self, start=self.kinds.start(shown_C, said_C))
+        return now._anew(self.prior.mean)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Warm all, and compare them with a reading, if there is one."""
-        now = replace(self, all=self.all.warmed(heat))
+        """Warm the segment, and compare it with a reading, if there is one."""
+        since, fit = (*self.since, (heat, shown_C)), self.fit.take(heat, shown_C)
+        quiet_s = self.quiet_s + heat.passed_s if heat.off else 0.0
+        now = replace(self, since=since, fit=fit, quiet_s=quiet_s, wait=self.wait - 1)
         if shown_C is None:
-            return now._remembering(heat, shown_C)
-        compared = now.all.compared(shown_C, math.exp(-heat.passed_s / _FORGET_S))
-        now = replace(now, all=compared)._remembering(heat, shown_C)
-        if now.off_K > UNLIKE_K and not now.looked:
-            now = now._looked_for()
-        return (now._renewed() if now.left.mean() < _RENEWED else now)._judged()
+            return now
+        now = now._solved(shown_C)
+        far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
+        if far and (now.wait <= 0 or now.misfit > DOUBT):
+            now = now._searched()
+        now = now._judged()
+        if now.off_K < _FAR_K and now._rests(shown_C):
+            return now._begun_anew(shown_C)
+        return now
 
-    def _remembering(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Remember a reading, or begin with it where it is surely of solid metal."""
-        quiet_s = 0.0 if heat.share or heat.unknown else self.quiet_s + heat.passed_s
-        fits = shown_C is not None and shown_C < self.all.kinds.solid_C and self.off_K <= _FITS_K
-        now = replace(self, quiet_s=quiet_s)
-        if (fits and quiet_s >= _QUIET_S) or len(self.since) >= _MOST:
-            return replace(now, start=self.all, since=(), looked=False)
-        return replace(now, since=(*self.since, (heat, shown_C)))
+    def _rests(self, shown_C: float) -> bool:
+        """Whether a reading tells the metal's heat, or the heater's does not any more."""
+        if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
+            return True
+        unknown_s = sum(heat.unknown_s for heat, _ in self.since)
+        return (self.surely_liquid and unknown_s >= _UNKNOWN_S) or len(self.since) >= _MOST
 
-    def _looked_for(self) -> HeatBelief:
-        """Look for healthy segments that would have shown all since the metal was solid.
+    @property
+    def _precision(self) -> Array:
+        return self.fit.hessian[0] + self.prior.precision
 
-        By the cross-entropy method: of those drawn within what was shown before and near those
-        that are left, the best are kept, and others drawn as they are spread, some times.
-        """
-        rng, (parts, count) = self.all.rng(1), self.all.values.shape
-        width, left = self.high - self.low, np.flatnonzero(self.left)
+    def _estimate(self, values: Array) -> tuple[float, float]:
+        """Most probable value of what the segments have, and its standard deviation."""
+        (middle,), (slope,) = self.fit.slopes(values)
+        deviation = math.sqrt(float(slope @ np.linalg.solve(self._precision, slope)))
+        return float(middle + slope @ self.step), deviation
 
-        def noise() -> Array:
-            return width * rng.standard_normal((parts, count))
+    def _at_C(self, level: float) -> float:
+        state = tuple(float(value[0]) for value in self.fit.segments.state)
+        return self.kinds.nominal.temperature_C(self.kinds.nominal.at_level(state, level))
 
-        near = self.all.values[:, rng.choice(left, count)] + _NEAR * noise()
-        values = np.where(np.arange(count) % 2, near, self.low + width * rng.random((parts, count)))
-        found: HealthySegments | None = None
+    def _solved(self, shown_C: float) -> HeatBelief:
+        """Make a Gauss-Newton step, and count how far off a reading is after it."""
+        (step,), _ = self.fit.solved(self.prior)
+        now = replace(self, step=step)
+        off_K = shown_C - now._estimate(now.fit.segments.shown_C)[0]
+        return replace(now, square_K2=self.square_K2 + (off_K**2 - self.square_K2) / _LAST)
+
+    def _fitted(self, points: Array) -> Fit:
+        """Costs of kinds, (s, p), with all heat and readings since the start."""
+        size = self.kinds.size
+        spread, axes = np.linalg.eigh(np.linalg.inv(self._precision))
+        apart = _DEVIATION * (axes * np.sqrt(spread)).T
+        apart *= np.where(np.abs(points[0] + apart).max(axis=1) > _ENDS, -1.0, 1.0)[:, None]
+        every = points[:, None] + np.vstack([np.zeros(size), apart])
+        segments = self.kinds.begun(every.reshape(-1, size), self.start)
+        none = np.zeros((len(points), size, size))
+        fit = Fit(points, apart, segments, none[:, 0, 0], none[:, 0], none)
+        for heat, shown_C in self.since:
+            fit = fit.take(heat, shown_C)
+        return fit
+
+    def _anew(self, point: Array) -> HeatBelief:
+        """Make all about another kind."""
+        return replace(self, fit=self._fitted(point[None]), step=np.zeros(self.kinds.size))
+
+    def _hotter(self) -> Array:
+        """Most probable direction in which metal is hotter, by one deviation, (p,)."""
+        _, (slope,) = self.fit.slopes(self.fit.segments.level)
+        toward: Array = np.linalg.solve(self._precision, slope)
+        return toward / math.sqrt(float(slope @ toward))
+
+    def _searched(self) -> HeatBelief:
+        """Search the most probable kind by Gauss-Newton steps; in doubt, from several starts."""
+        starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
+        points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
+        found: list[tuple[float, Array]] = []
         for _ in range(_ROUNDS):
-            of = rng.choice(np.arange(count), count)
-            tried = self.start.moved(of, values.clip(self.low, self.high))
-            tried = replace(tried, worst_K=np.zeros(count), taken=self.all.taken)
-            for heat, shown_C in self.since:
-                tried = tried.warmed(heat)
-                if shown_C is not None:
-                    tried = tried.compared(shown_C, math.exp(-heat.unknown_s / _FORGET_UNKNOWN_S))
-            found = tried if found is None else found.nearest(tried)
-            best = found.values[:, np.argsort(found.worst_K)[: count // _ELITE]]
-            middle = best.mean(axis=1, keepdims=True)
-            mixed = rng.standard_normal((best.shape[1], count)) / math.sqrt(best.shape[1])
-            values = middle + _OVER * (best - middle) @ mixed + _LEAST_SPREAD * noise()
-        assert found is not None
-        explained = found.worst_K.min() <= _FITS_K
-        return replace(self, all=found if explained else self.all, looked=True)
-
-    def _renewed(self) -> HeatBelief:
-        """Replace those that are not left by some like those that are."""
-        rng, kinds, left, gone = self.all.rng(), self.all.kinds, self.left, ~self.left
-        of = np.arange(len(left))
-        of[gone] = rng.choice(np.flatnonzero(left), int(gone.sum()))
-        known, values = self.all.values[:, left], self.all.values[:, of]
-        away = _SPREAD * known.std(axis=1, keepdims=True) + _LEAST_SPREAD * (kinds.high - kinds.low)
-        low, high = self.low, self.high
-        if self.off_K <= _FITS_K:
-            margin = _UNLEARNED * (kinds.high - kinds.low)
-            least, most = (known.min(axis=1, keepdims=True), known.max(axis=1, keepdims=True))
-            low = np.maximum(low, low + _LEARNED * (least - margin - low))
-            high = np.minimum(high, high + _LEARNED * (most + margin - high))
-        nearer = _NEARER * (values - known.mean(axis=1, keepdims=True))
-        values = values + gone * (away * rng.standard_normal(values.shape) - nearer)
-        new = self.all.moved(of, values.clip(low, high))
-        new = new.heated(_METAL_S * gone * rng.standard_normal(len(of)))
-        return replace(self, all=new, low=low, high=high)
+            fit = self._fitted(points)
+            steps, costs = fit.solved(self.prior)
+            best = int(costs.argmin())
+            found.append((float(costs[best]), points[best]))
+            points = points + steps
+        _, point = min(found, key=lambda one: one[0])
+        now = self._anew(point)
+        (step,), _ = now.fit.solved(now.prior)
+        now = replace(now, step=step, wait=max(_OFTEN, len(self.since) // 20))
+        last_C = [shown_C for _, shown_C in self.since if shown_C is not None][-1]
+        off_K = last_C - now._estimate(now.fit.segments.shown_C)[0]
+        return replace(now, square_K2=min(now.square_K2, off_K**2))
 
     def _judged(self) -> HeatBelief:
-        """Switch off where metal may be too hot, or is that of no healthy segment."""
-        hottest_C = float(self.all.ahead_C(_AHEAD_S)[self.left].max())
-        hot = hottest_C >= self.cut_C - _COOLED_K * self.cut
-        return replace(self, cut=hot or self.off_K > _DOUBT_K)
+        """Switch off where metal may be too hot, or is that of no healthy segment.
+
+        Deviations are those of a linear problem: hotter metal that readings deny is left out.
+        """
+        doubted = self.misfit > DOUBT
+        now = replace(self, surely=_SURELY)
+        if not now._hot(self.cut):
+            return replace(now, cut=doubted)
+        reaches = np.linspace(0.0, _SURELY, 11)
+        points = now.most_probable + np.outer(reaches, now._hotter())
+        _, costs = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
+        likely = reaches[costs <= costs[0] + _SURELY**2]
+        now = replace(now, surely=float(likely.max()))
+        return replace(now, cut=now._hot(self.cut) or doubted)
+
+    def _hot(self, cut: bool) -> bool:
+        """Whether metal may come too near to its limit before the next reading."""
+        ahead = self.levels[1] + float(self.fit.segments.warms_by(_AHEAD_S)[0])
+        return self._at_C(ahead) >= self.cut_C - _COOLED_K * cut
+
+    def _begun_anew(self, shown_C: float) -> HeatBelief:
+        """Begin anew with what is known by now: it is less certain by the time since."""
+        covariance, mean = np.linalg.inv(self._precision), self.most_probable
+        mean[-1] = covariance[-1] = covariance[:, -1] = 0.0
+        passed_s = sum(heat.passed_s for heat, _ in self.since)
+        least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
+        least[-1] = _PRIOR
+        prior = Prior(mean, np.linalg.inv(covariance + np.diag(least**2)))
+        metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
+        now = replace(self, prior=prior, since=())
+        return replace(now, start=self.kinds.start(shown_C, metal_C))._anew(mean)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
-    segments = healthy_segments(robot, air_C, segment, start_C)
-    low, high = segments.kinds.low, segments.kinds.high
+    kinds = healthy_kinds(robot, air_C, segment)
+    prior = Prior(np.zeros(kinds.size), np.eye(kinds.size) / _PRIOR**2)
+    start, size = kinds.start(start_C, start_C), kinds.size
+    apart = _PRIOR * _DEVIATION * np.eye(size)
+    segments = kinds.begun(np.vstack([np.zeros(size), apart]), start)
+    nothing = Fit(
+        np.zeros((1, size)),
+        apart,
+        segments,
+        np.zeros(1),
+        np.zeros((1, size)),
+        np.zeros((1, size, size)),
+    )
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
-    return HeatBelief(segments, low, high, cut_C, segments)
+    return HeatBelief(kinds, cut_C, prior, start, nothing, np.zeros(size))

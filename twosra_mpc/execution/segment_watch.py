@@ -9,13 +9,14 @@ from which simulated ones are drawn, too, is called wrong.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
 from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.execution.healthy_segments import Heat
-from twosra_mpc.execution.heat_belief import UNLIKE_K, HeatBelief, heat_belief
+from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
@@ -47,7 +48,8 @@ _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
-_UNLIKE_S = 4.0  # after which a reading that no healthy segment shows is not believed
+_RECENT = 20  # readings, a second apart, that tell whether it warms or cools
+_UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
 _EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
@@ -137,6 +139,7 @@ class SegmentWatch:
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
         self._was, self._heat = 0.0, Heat(0.0, 0.0)
+        self._recent_C: deque[float] = deque(maxlen=_RECENT)
 
     @property
     def may_be_soft(self) -> bool:
@@ -231,6 +234,7 @@ class SegmentWatch:
         self._heat = self._heat.then(self._heat_of(passed_s, setpoint_C, shown_C, current_A))
         if first or self._heat.passed_s >= _EVERY_S:
             self.belief, self._heat = self.belief.take(self._heat, shown_C), Heat(0.0, 0.0)
+            self._recent_C.extend([] if shown_C is None else [shown_C])
         called = self._asked == "soft" and self.belief.may_be_liquid
         called_s = self._lasts_s("called", called, time_s)
         sure = self._molten or self.belief.surely_liquid
@@ -280,12 +284,12 @@ class SegmentWatch:
 
     def _check_likeness(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
         """A reading that no healthy segment shows after so much heat."""
-        unlike_s = self._lasts_s("unlike", belief.off_K > UNLIKE_K, time_s, here_C)
+        unlike_s = self._lasts_s("unlike", belief.misfit >= 1.0, time_s, here_C)
         if unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        risen_K = here_C - self._begun_s["unlike"][1]
+        risen_K = here_C - self._recent_C[0]
         if here_C < low_C:
             cold_C = self._stretch.coldest_C if self._asked == "soft" else self._air_C
             if (

@@ -99,21 +99,24 @@ class Lumped:
             return self.melting_point_C + h / self.heat_solid_J_per_K
         return self.melting_point_C + max(0.0, h - self.latent_J) / self.heat_liquid_J_per_K
 
-    def rates(self, state: tuple[Array, ...], current_A: Array | float) -> tuple[Array, ...]:
-        """Return the rate of the enthalpy [W]; parameters may be arrays, too."""
-        here_C = self.temperature_C(state)
-        coil = self.resistance_ohm * (1 + self.temperature_coefficient_per_K * (here_C - 25.0))
-        return (current_A**2 * coil - self.loss_W_per_K * (here_C - self.ambient_C),)
+    def temperature_in(self, other: Lumped, state: tuple[Array, ...]) -> Array:
+        """Temperature of metal of this kind, as far from melting as in another model [C]."""
+        return other.temperature_C(state) + (self.melting_point_C - other.melting_point_C)
 
-    def as_in(self, other: Lumped, state: tuple[Array, ...]) -> tuple[Array, ...]:
-        """Return the enthalpy here of metal as warm and as far molten as in another segment."""
-        above, molten = (
-            other.temperature_C(state) - self.melting_point_C,
-            other.melt_fraction(state),
+    def rates_in(
+        self, other: Lumped, state: tuple[Array, ...], current_A: Array | float
+    ) -> tuple[Array, ...]:
+        """Rate of metal of this kind, as far from melting as in another model, there [W]."""
+        (h,), here_C = state, self.temperature_in(other, state)
+        coil = self.resistance_ohm * (1 + self.temperature_coefficient_per_K * (here_C - 25.0))
+        power_W = current_A**2 * coil - self.loss_W_per_K * (here_C - self.ambient_C)
+        liquid_share = other.heat_liquid_J_per_K / self.heat_liquid_J_per_K
+        share = np.where(
+            h < 0.0,
+            other.heat_solid_J_per_K / self.heat_solid_J_per_K,
+            np.where(h < other.latent_J, other.latent_J / self.latent_J, liquid_share),
         )
-        solid = self.heat_solid_J_per_K * np.minimum(above, 0.0) * (molten <= 0.0)
-        liquid = self.heat_liquid_J_per_K * np.maximum(above, 0.0) * (molten >= 1.0)
-        return (solid + molten * self.latent_J + liquid,)
+        return (power_W * share,)
 
     def melt_fraction(self, state: tuple[Values, ...]) -> Values:
         """Share of the metal that is liquid."""

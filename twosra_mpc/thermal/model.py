@@ -75,11 +75,13 @@ class SegmentModel(Protocol):
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until the level is first reached [s]; inf if never."""
 
-    def rates(self, state: tuple[Array, ...], current_A: Array | float) -> tuple[Array, ...]:
-        """Rates of the state's values, of many segments as one whose parameters are arrays."""
+    def temperature_in(self, other: Self, state: tuple[Array, ...]) -> Array:
+        """Temperature in a state of another model, were its metal of this kind; of arrays, too."""
 
-    def as_in(self, other: Self, state: tuple[Array, ...]) -> tuple[Array, ...]:
-        """State here of segments as warm and as far molten as those of another model."""
+    def rates_in(
+        self, other: Self, state: tuple[Array, ...], current_A: Array | float
+    ) -> tuple[Array, ...]:
+        """Rates of a state of another model, were its metal of this kind; values may be arrays."""
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
         """Heater power."""

@@ -82,16 +82,19 @@ class TwoNode:
             return np.clip(share, 0.0, 1.0)
         return min(1.0, max(0.0, share))
 
-    def rates(self, state: tuple[Array, ...], current_A: Array | float) -> tuple[Array, ...]:
-        """Return the rates of both temperatures [K/s]; parameters may be arrays, too."""
+    def temperature_in(self, other: TwoNode, state: tuple[Array, ...]) -> Array:
+        """Temperature of the core, which is the same in another model [C]."""
+        del other
+        return state[0]
+
+    def rates_in(
+        self, other: TwoNode, state: tuple[Array, ...], current_A: Array | float
+    ) -> tuple[Array, ...]:
+        """Rates of both temperatures, which are the same in another model [K/s]."""
+        del other
         flow = self.coupling_per_s * (state[0] - state[1])
         body = flow / self.body_ratio - self.body_loss_per_s * (state[1] - self.ambient_C)
         return self.power_K_per_s * (current_A / self.full_current_A) ** 2 - flow, body
-
-    def as_in(self, other: TwoNode, state: tuple[Array, ...]) -> tuple[Array, ...]:
-        """Return the state here of a segment as warm as another: the same."""
-        del other
-        return state
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
         """Heater power at this current; its coil is taken to keep its resistance."""
