@@ -1,4 +1,4 @@
-"""The estimate is near the true metal; no sensor makes metal too hot; no healthy robot is stopped."""
+"""Estimates are near the true metal; no sensor makes it too hot, no healthy robot is stopped."""
 
 from __future__ import annotations
 

@@ -120,7 +120,8 @@ class Kinds:
         gain, lag_s, share, keeps, bias, off = values[count:]
         lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
         nominal, off_K = self.nominal, start.off_K * off
-        melts_K = model.temperature_in(nominal, nominal.initial(start.metal_C)) - start.metal_C
+        at_start = tuple(map(np.atleast_1d, nominal.initial(start.metal_C)))
+        melts_K = model.temperature_in(nominal, at_start) - start.metal_C
         each = [nominal.initial(one) for one in (start.metal_C + off_K - melts_K).tolist()]
         shown_C = start.shown_C + off_K * (start.metal_C == start.shown_C)
         sensor = Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)

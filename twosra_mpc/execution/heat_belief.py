@@ -70,7 +70,8 @@ class Fit:
         """Values (s,) of the kinds, and their sensitivities (s, p)."""
         count, size = self.about.shape
         each = values.reshape(count, 1 + size)
-        return each[:, 0], np.linalg.solve(self.apart, (each[:, 1:] - each[:, :1]).T).T
+        slopes = np.linalg.solve(self.apart, (each[:, 1:] - each[:, :1]).T).T
+        return each[:, 0], np.asarray(slopes, dtype=float)
 
     def take(self, heat: Heat, shown_C: float | None) -> Fit:
         """Warm all, and compare them with a reading, if there is one."""
@@ -220,7 +221,8 @@ class HeatBelief:
 
     @property
     def _precision(self) -> Array:
-        return self.fit.hessian[0] + self.prior.precision
+        precision: Array = self.fit.hessian[0] + self.prior.precision
+        return precision
 
     def _estimate(self, values: Array) -> tuple[float, float]:
         """Most probable value of what the segments have, and its standard deviation."""

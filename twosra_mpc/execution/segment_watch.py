@@ -290,16 +290,13 @@ class SegmentWatch:
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         risen_K = here_C - self._recent_C[0]
-        if here_C < low_C:
+        if self._asked != "rigid" and here_C <= high_C:
             cold_C = self._stretch.coldest_C if self._asked == "soft" else self._air_C
-            if (
-                abs(risen_K) < _WARMED_K
-                and here_C < cold_C + _WARMED_K
-                and here_C > self._air_C - _WARMED_K
-            ):
+            still = abs(risen_K) < _WARMED_K and here_C < cold_C + _WARMED_K
+            if still and here_C > self._air_C - _WARMED_K:
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-            if self._asked == "soft":
+            if self._asked == "soft" and here_C < low_C:
                 what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
                 self._raise("sensor", f"{words}: its sensor lies, {what}")
         if here_C > high_C and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
