@@ -164,6 +164,11 @@ class HeatBelief:
         return max(self.square_K2 / _UNLIKE_K**2, known)
 
     @property
+    def heated_s(self) -> float:
+        """Time at full power since the start."""
+        return sum(heat.passed_s * heat.share for heat, _ in self.since)
+
+    @property
     def shows_C(self) -> tuple[float, float]:
         """Lowest and highest reading that is to be expected."""
         middle_C, deviation_C = self._estimate(self.fit.segments.shown_C)
@@ -193,7 +198,8 @@ class HeatBelief:
 
     def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        now = replace(self, start=self.kinds.start(shown_C, said_C))
+        start = self.kinds.start(shown_C, said_C)
+        now = replace(self, start=start, since=(), square_K2=0.0, cut=False)
         return now._anew(self.prior.mean)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:

@@ -290,15 +290,15 @@ class SegmentWatch:
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         risen_K = here_C - self._recent_C[0]
-        if self._asked != "rigid" and here_C <= high_C:
-            cold_C = self._stretch.coldest_C if self._asked == "soft" else self._air_C
-            still = abs(risen_K) < _WARMED_K and here_C < cold_C + _WARMED_K
-            if still and here_C > self._air_C - _WARMED_K:
+        if belief.heated_s > 0.0 and here_C <= high_C:
+            cold_C = belief.start.shown_C + _WARMED_K
+            if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
                 words = f"heating does not warm it, {words}"
+                self.belief = belief.begun(here_C, here_C)  # one may go on without it
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-            if self._asked == "soft" and here_C < low_C:
-                what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
-                self._raise("sensor", f"{words}: its sensor lies, {what}")
+        if self._asked == "soft" and here_C < low_C:
+            what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
+            self._raise("sensor", f"{words}: its sensor lies, {what}")
         if here_C > high_C and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
             if risen_K > 0.0 and self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
