@@ -384,7 +384,7 @@ def test_the_sweep_draws_its_figures_and_tells_whether_the_sequence_changes(tmp_
     slow, fast = (json.loads(x) for x in (tmp_path / NAME).read_text().splitlines()[1:])
     other = replace(read(fast["record"]), sequence=(RIGID, SOFT_1))
     cases = list(study.cases())
-    results = list(zip(cases, (read(slow["record"]), other), strict=True))
+    results = list(map(Measured, cases, (read(slow["record"]), other)))
     assert study.report(results)["different"] == 1
 
 

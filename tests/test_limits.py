@@ -18,7 +18,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.solver.multiple_shooting import transcribe
-from twosra_mpc.problem import free_shapes, limits
+from twosra_mpc.problem import ends, limits
 from twosra_mpc.problem.driven import driven, margins
 from twosra_mpc.problem.limits import (
     SHAPE_LIMITS,
@@ -196,7 +196,7 @@ def narrow(monkeypatch: pytest.MonkeyPatch) -> ShapeLimit:
         scale=30.0,
     )
     monkeypatch.setattr(limits, "SHAPE_LIMITS", (*SHAPE_LIMITS, toy))
-    for module, name in ((limits, "shape_function"), (free_shapes, "_steepness")):
+    for module, name in ((limits, "shape_function"), (ends, "_steepness")):
         kept = getattr(module, name)  # that of the limits there were
         monkeypatch.setattr(module, name, per_body(32)(kept.__wrapped__))
     return toy

@@ -27,7 +27,8 @@ from twosra_mpc.robot.description import Robot
 PACKAGE = Path(twosra_mpc.__file__).parent
 FEW = {  # functions asked for few things ever, so that their caches need no bound
     "cli/doctor.py": "_packages_of_modules: of nothing",
-    "model/series.py": "_series: three series",
+    "arguments.py": "checks: of nothing, for each public function",
+    "model/chain.py": "_series: three series",
     "keys.py": "_words: of nothing",
     "lab/figures/paper_figures.py": "both_plans: five tasks",
     "lab/reproduction/simulations.py": "run, run_freely: five simulations",

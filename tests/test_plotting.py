@@ -422,7 +422,7 @@ def test_a_failed_write_leaves_the_old_file(
 
 @pytest.mark.parametrize("name", ["plan.docx", "plan"])
 def test_an_unknown_ending_is_refused_with_the_known_ones(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=r"\.pdf.*\.png.*\.svg") as caught:
+    with pytest.raises(InputError, match=r"\.png.*\.pdf.*\.svg") as caught:
         plot_plan(planned("rigid-move"), tmp_path / name)
     assert caught.value.field == "output"
     assert not list(tmp_path.iterdir())

@@ -404,7 +404,7 @@ def test_a_run_under_way_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.Monk
         ({"format": "twosra-plan"}, "format = "),
         ({"version": 7}, "format = "),
         ({"log": {}}, "values that fit together"),
-        ({"ending": "somehow"}, "values that fit together"),
+        ({"ending": "somehow"}, "Ending = 'somehow'"),
         ({"plans": [{}]}, "plans.scenario"),
     ],
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from once import planned
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, Plan
+from twosra_mpc import InputError, Plan, load_robot
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, RobotError
 from twosra_mpc.execution.run import Ending
@@ -56,7 +56,9 @@ def made() -> Iterator[list[SeenFirmware]]:
 
 
 def test_tracker_and_replanning_drive_it_to_its_goal(made: list[SeenFirmware]) -> None:
-    plan = planned("paper-2", robot=ARC)
+    arc = load_robot(ARC)
+    regulating = arc.heater.with_values(hold_duty=1.0)  # as the simulated firmware does
+    plan = planned("paper-2", robot=arc.with_values(heater=regulating))
     made.append(SeenFirmware(plan, grip=0.8))
     with connected(plan.problem, made[0].port, made[0], poses=made[0]) as robot:
         robot.listen()

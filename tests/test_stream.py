@@ -357,7 +357,7 @@ def test_a_mode_is_waited_for_as_long_as_the_patience_says(connect: Connected, l
 
 def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(connect: Connected) -> None:
     limits = ROBOT.limits.with_values(unit_speed_m_s=0.003)
-    plan = planned("paper-2", robot=ROBOT.with_values(limits=limits))
+    plan = planned("paper-2", robot=regulating(ROBOT.with_values(limits=limits)))
     firmware = connect(plan)
     first = len(wheel_commands(plan.trajectory, plan.phases[0], SLOW_HZ))
     lost: list[float] = []

@@ -189,7 +189,7 @@ def test_solvers_that_give_up_cost_a_bound_or_an_attempt(monkeypatch: pytest.Mon
     assert before is not None
     assert after is not None
     assert 0.9 * before.cost < after.cost <= before.cost
-    steps = bend_steps(sequence, bending_task(problem))
+    steps = bend_steps(sequence, bending_task(problem), ())
     assert steps is not None
     for step, bend in zip(steps, after.bends, strict=True):
         assert min(step.least, step.most) - 1e-9 <= bend <= max(step.least, step.most) + 1e-9

@@ -18,7 +18,7 @@ from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
 
 _MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 0.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
-_LAGS, _SHARES = (0.18, 1.06), (0.5, 1.0)  # of the longest lag in all; of it in the first of two
+_LAGS, _SHARES = (0.18, 1.3), (0.5, 1.0)  # of the longest, and of reports; of it in the first
 _REST_OFF_K, _WARM_OFF_K = 1.0, 3.0  # of metal at rest; of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a reading is of solid metal
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
@@ -33,7 +33,7 @@ class Heat(NamedTuple):
         passed_s: Time.
         share: Share of full power.
         unknown: By how much more or less that may be.
-        warm: Whether this was metal to be kept warm, not molten: not every firmware does.
+        warm: True if this was metal to be kept warm, not molten: not every firmware does.
         held_C: Reading about which a switch holds metal, with a share nobody knows; or NaN.
     """
 
@@ -45,7 +45,7 @@ class Heat(NamedTuple):
 
     @property
     def off(self) -> bool:
-        """Whether there was none."""
+        """True if there was none."""
         return not self.share and not self.unknown and math.isnan(self.held_C)
 
     @property
@@ -104,7 +104,7 @@ class Kinds:
         return len(self.middle)
 
     def is_solid(self, shown_C: float) -> bool:
-        """Whether a reading is surely of solid metal."""
+        """True if a reading is surely of solid metal."""
         return shown_C < thresholds_C(self.nominal)[0] - _SOLID_K
 
     def start(self, shown_C: float, said_C: float) -> Start:

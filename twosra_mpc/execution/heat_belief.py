@@ -23,7 +23,7 @@ from twosra_mpc.thermal.model import Array
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 26.0  # of the prior: far from what was known, as none of 1,000 segments is
-DOUBT = 0.5  # misfit from which on the heater waits
+_DOUBT_K = 1.15  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
@@ -52,7 +52,7 @@ class Fit:
 
     Attributes:
         about: The kinds, (s, p).
-        apart: Parameters of the others beside each, less its own, (p, p).
+        across: Inverse of the parameters of the others beside each, less its own, (p, p).
         segments: All of them, s times 1 + p.
         cost: Of the readings, (s,).
         gradient: Half of the negative gradient, (s, p).
@@ -60,7 +60,7 @@ class Fit:
     """
 
     about: Array
-    apart: Array
+    across: Array
     segments: Segments
     cost: Array
     gradient: Array
@@ -70,8 +70,8 @@ class Fit:
         """Values (s,) of the kinds, and their sensitivities (s, p)."""
         count, size = self.about.shape
         each = values.reshape(count, 1 + size)
-        slopes = np.linalg.solve(self.apart, (each[:, 1:] - each[:, :1]).T).T
-        return each[:, 0], np.asarray(slopes, dtype=float)
+        slopes: Array = (each[:, 1:] - each[:, :1]) @ self.across.T
+        return each[:, 0], slopes
 
     def take(self, heat: Heat, shown_C: float | None) -> Fit:
         """Warm all, and compare them with a reading, if there is one."""
@@ -127,9 +127,10 @@ class HeatBelief:
         since: Heat and readings since the start.
         square_K2: Mean square distance of the last readings.
         quiet_s: Time for which the heater has been off.
+        unknown_s: Time at full power since the start that nobody knows of.
         wait: Readings until all may be made anew.
         surely: Deviations up to which metal may be hotter.
-        cut: Whether the heater must be off, whatever a reading says.
+        cut: True if the heater must be off, whatever a reading says.
     """
 
     kinds: Kinds
@@ -141,6 +142,7 @@ class HeatBelief:
     since: tuple[tuple[Heat, float | None], ...] = ()
     square_K2: float = 0.0
     quiet_s: float = 0.0
+    unknown_s: float = 0.0
     wait: int = 0
     surely: float = _SURELY
     cut: bool = False
@@ -188,30 +190,33 @@ class HeatBelief:
 
     @property
     def may_be_liquid(self) -> bool:
-        """Whether the metal may be liquid."""
+        """True if the metal may be liquid."""
         return self.levels[1] >= self.kinds.nominal.liquid_level
 
     @property
     def surely_liquid(self) -> bool:
-        """Whether the metal is liquid for sure."""
+        """True if the metal is liquid for sure."""
         return self.levels[0] >= self.kinds.nominal.liquid_level
 
     def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
         start = self.kinds.start(shown_C, said_C)
-        now = replace(self, start=start, since=(), square_K2=0.0, cut=False)
+        now = replace(self, start=start, since=(), square_K2=0.0, unknown_s=0.0, cut=False)
         return now._anew(self.prior.mean)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
         """Warm the segment, and compare it with a reading, if there is one."""
         since, fit = (*self.since, (heat, shown_C)), self.fit.take(heat, shown_C)
         quiet_s = self.quiet_s + heat.passed_s if heat.off else 0.0
-        now = replace(self, since=since, fit=fit, quiet_s=quiet_s, wait=self.wait - 1)
+        unknown_s = self.unknown_s + heat.unknown_s
+        now = replace(
+            self, since=since, fit=fit, quiet_s=quiet_s, unknown_s=unknown_s, wait=self.wait - 1
+        )
         if shown_C is None:
             return now
         now = now._solved(shown_C)
         far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
-        if far and (now.wait <= 0 or now.misfit > DOUBT):
+        if far and (now.wait <= 0 or now.off_K > _DOUBT_K):
             now = now._searched()
         now = now._judged()
         if now.off_K < _FAR_K and now._rests(shown_C):
@@ -219,11 +224,11 @@ class HeatBelief:
         return now
 
     def _rests(self, shown_C: float) -> bool:
-        """Whether a reading tells the metal's heat, or the heater's does not any more."""
+        """True if a reading tells the metal's heat, or the heater's does not any more."""
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
             return True
-        unknown_s = sum(heat.unknown_s for heat, _ in self.since)
-        return (self.surely_liquid and unknown_s >= _UNKNOWN_S) or len(self.since) >= _MOST
+        unknown = self.unknown_s >= _UNKNOWN_S and self.surely_liquid
+        return unknown or len(self.since) >= _MOST
 
     @property
     def _precision(self) -> Array:
@@ -256,7 +261,7 @@ class HeatBelief:
         every = points[:, None] + np.vstack([np.zeros(size), apart])
         segments = self.kinds.begun(every.reshape(-1, size), self.start)
         none = np.zeros((len(points), size, size))
-        fit = Fit(points, apart, segments, none[:, 0, 0], none[:, 0], none)
+        fit = Fit(points, np.linalg.inv(apart), segments, none[:, 0, 0], none[:, 0], none)
         for heat, shown_C in self.since:
             fit = fit.take(heat, shown_C)
         return fit
@@ -295,7 +300,7 @@ class HeatBelief:
 
         Deviations are those of a linear problem: hotter metal that readings deny is left out.
         """
-        doubted = self.misfit > DOUBT
+        doubted = self.off_K > _DOUBT_K
         now = replace(self, surely=_SURELY)
         if not now._hot(self.cut):
             return replace(now, cut=doubted)
@@ -307,7 +312,7 @@ class HeatBelief:
         return replace(now, cut=now._hot(self.cut) or doubted)
 
     def _hot(self, cut: bool) -> bool:
-        """Whether metal may come too near to its limit before the next reading."""
+        """True if metal may come too near to its limit before the next reading."""
         ahead = self.levels[1] + float(self.fit.segments.warms_by(_AHEAD_S)[0])
         return self._at_C(ahead) >= self.cut_C - _COOLED_K * cut
 
@@ -320,7 +325,7 @@ class HeatBelief:
         least[-1] = _PRIOR
         prior = Prior(mean, np.linalg.inv(covariance + np.diag(least**2)))
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
-        now = replace(self, prior=prior, since=())
+        now = replace(self, prior=prior, since=(), unknown_s=0.0)
         return replace(now, start=self.kinds.start(shown_C, metal_C))._anew(mean)
 
 

@@ -46,12 +46,14 @@ _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
+_USUAL, _AS_EVER = 200, 1.8  # readings, and how much more or less they may flicker than ever
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT = 20  # readings, a second apart, that tell whether it warms or cools
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
 _EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
+_BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
 _MORE_K = 3.0  # as much as a sensor may show too much
 
@@ -102,7 +104,7 @@ class SegmentWatch:
     """Watches one segment from reading to reading.
 
     Attributes:
-        doubted: Whether it did not bend although it was called soft: its sensor may show too much.
+        doubted: True if it did not bend although it was called soft: its sensor may show too much.
         belief: About its heat; None of a robot that does not describe, or not report, it.
     """
 
@@ -123,7 +125,7 @@ class SegmentWatch:
             air_C: Temperature of the air.
             segment: Which segment, from 0.
             patience: How long it waits.
-            reports: Whether the temperature must be reported.
+            reports: True if the temperature must be reported.
             start_C: Temperature at which it has rested; default: the air's.
         """
         self._segment, self._patience, self._reports = segment, patience, reports
@@ -138,12 +140,13 @@ class SegmentWatch:
         self._hot, self._last_C, self._coldest_C = 0, math.inf, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
+        self._usual_K, self._readings = 0.0, 0
         self._was, self._heat = 0.0, Heat(0.0, 0.0)
         self._recent_C: deque[float] = deque(maxlen=_RECENT)
 
     @property
     def may_be_soft(self) -> bool:
-        """Whether the segment has had enough heat to be soft.
+        """True if the segment has had enough heat to be soft.
 
         One that was doubted: for sure, or as long as a melt may take at most.
         """
@@ -178,7 +181,7 @@ class SegmentWatch:
             setpoint_C: Set-point asked for since the one before.
             temperature_C: Of the segment, by its sensor.
             stiffness: As its controller reports it.
-            faulty: Whether that has given up.
+            faulty: True if that has given up.
             current_A: Current it lets flow, if it tells.
 
         Raises:
@@ -253,13 +256,18 @@ class SegmentWatch:
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
             return Heat(passed_s, 0.0, held_C=now_C if held else math.nan)
+        if soft and heater.hold_duty == 1.0 and now_C > sent_C - _BAND_K:
+            share = min(1.0, ((sent_C - now_C) / _BAND_K) ** 2)
+            return Heat(
+                passed_s, share, _EDGE, held_C=now_C if now_C > sent_C - _NEAR_K else math.nan
+            )
         low_C, high_C = sorted((before_C, now_C))
         if high_C <= sent_C:
             return Heat(passed_s, 1.0, warm=not soft)
         return Heat(passed_s, (sent_C - low_C) / (high_C - low_C), _EDGE, not soft)
 
     def _jumped(self, time_s: float, here_C: float) -> bool:
-        """Whether metal cannot have warmed or cooled so fast; not for long."""
+        """True if metal cannot have warmed or cooled so fast; not for long."""
         if math.isinf(self._last_C):
             self._sound_s = time_s
             return False
@@ -272,11 +280,18 @@ class SegmentWatch:
             self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
         return jumped
 
+    @property
+    def _is_alive(self) -> bool:
+        """True if it flickers about as much as ever; a sensor that sticks does not."""
+        return self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
+
     def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
         """A sensor that flickers far more than any."""
         if math.isfinite(pair_C[0]):
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
             self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
+            self._readings = min(self._readings + 1, _USUAL)
+            self._usual_K += (bend_K - self._usual_K) / self._readings
         if self._flicker_K > _FLICKER_K:
             self._raise(
                 "sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
@@ -291,10 +306,15 @@ class SegmentWatch:
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         risen_K = here_C - self._recent_C[0]
         if belief.heated_s > 0.0 and here_C <= high_C:
-            cold_C = belief.start.shown_C + _WARMED_K
+            cold_C, dead = belief.start.shown_C + _WARMED_K, ""
             if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
-                words = f"heating does not warm it, {words}"
+                dead = "warm"
+            melts = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
+            if melts and abs(risen_K) < _SAME_K and self._is_alive:
+                dead = "melt"
+            if dead:
                 self.belief = belief.begun(here_C, here_C)  # one may go on without it
+                words = f"heating does not {dead} it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
         if self._asked == "soft" and here_C < low_C:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
@@ -312,7 +332,7 @@ class SegmentWatch:
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None
     ) -> bool:
-        """Whether there is a temperature that a thermistor can show; not for long without."""
+        """True if there is a temperature that a thermistor can show; not for long without."""
         coldest, hottest = self._coldest_C, _HOTTEST_C
         if coldest <= temperature_C <= hottest and stiffness is not None:
             self._begun_s.pop("unread", None)

@@ -37,8 +37,9 @@ class CsvTable(NamedTuple):
         for column in columns:
             if self.names.count(column) != 1:
                 given = "given twice" if column in self.names else "missing"
-                allowed = f"one each of the columns {', '.join(columns)}"
-                raise InputError(f"column {column}", given, allowed, self.source)
+                allowed = f"a heading with one each of the columns {', '.join(columns)}"
+                hint = f"its heading is {','.join(self.names)!r}." if self.names else ""
+                raise InputError(f"column {column}", given, allowed, self.source, hint=hint)
         if len(self.rows) < least_rows:
             allowed = f"at least {'one row' if least_rows == 1 else least_rows} below the heading"
             raise InputError("rows", len(self.rows), allowed, self.source)

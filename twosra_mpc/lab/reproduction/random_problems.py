@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.lab.reproduction.published_model import SEGMENT_M, published_jacobian
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.robot.coordinates import Array
@@ -61,6 +62,7 @@ class RandomRun:
         return bool((self.error < self.fk_error)[TIMES // 2 : -1].all())
 
 
+@public
 def random_runs(problems: int, kind: Kind) -> list[RandomRun]:
     """Runs on so many problems, drawn from the seeds 0, 1, ...
 
