@@ -43,7 +43,7 @@ ENDS = [  # executor, fault, scenario, when it begins [s], and how the run ends 
     ("optimal", "thermistor rare", MELTS, 40.0, "right cause"),
     ("optimal", "thermistor high", MELTS, 0.0, "right cause"),
     ("optimal", "thermistor high", MELTS, 98.0, "right cause"),
-    ("optimal", "thermistor stuck", MELTS, 75.0, "right cause"),
+    ("optimal", "thermistor stuck", MELTS, 75.0, "reached"),  # of the segment that stays solid
     ("optimal", "thermistor drifts", MELTS, 60.0, "right cause"),
     ("optimal", "thermistor scaled", MELTS, 60.0, "reached"),
     ("optimal", "thermistors swapped", MELTS, 60.0, "right cause"),
