@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +37,7 @@ _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, a
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _QUIET_S = 60.0  # after which metal is at rest
 _UNKNOWN_S = 8.0  # of full heat, after which liquid metal is as warm as the reading has it
-_MOST = 1800  # readings that are remembered: half an hour
+_RESTS, _MOST = 30, 1800  # readings that are remembered at least, at rest; and at most
 
 
 class Prior(NamedTuple):
@@ -176,7 +177,7 @@ class HeatBelief:
         middle_C, deviation_C = self._estimate(self.fit.segments.shown_C)
         return middle_C - _SURELY * deviation_C, middle_C + _SURELY * deviation_C
 
-    @property
+    @cached_property
     def levels(self) -> tuple[float, float]:
         """Lowest and highest level of the metal, as the nominal model's."""
         middle, deviation = self._estimate(self.fit.segments.level)
@@ -226,7 +227,7 @@ class HeatBelief:
     def _rests(self, shown_C: float) -> bool:
         """True if a reading tells the metal's heat, or the heater's does not any more."""
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
-            return True
+            return len(self.since) >= _RESTS
         unknown = self.unknown_s >= _UNKNOWN_S and self.surely_liquid
         return unknown or len(self.since) >= _MOST
 
@@ -334,15 +335,10 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     kinds = healthy_kinds(robot, air_C, segment)
     prior = Prior(np.zeros(kinds.size), np.eye(kinds.size) / _PRIOR**2)
     start, size = kinds.start(start_C, start_C), kinds.size
-    apart = _PRIOR * _DEVIATION * np.eye(size)
-    segments = kinds.begun(np.vstack([np.zeros(size), apart]), start)
+    none = np.zeros((1, size))
     nothing = Fit(
-        np.zeros((1, size)),
-        apart,
-        segments,
-        np.zeros(1),
-        np.zeros((1, size)),
-        np.zeros((1, size, size)),
+        none, np.eye(size), kinds.begun(none, start), none[:, 0], none, np.zeros((1, size, size))
     )
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
-    return HeatBelief(kinds, cut_C, prior, start, nothing, np.zeros(size))
+    belief = HeatBelief(kinds, cut_C, prior, start, nothing, np.zeros(size))
+    return belief.begun(start_C, start_C)
