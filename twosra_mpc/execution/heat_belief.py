@@ -23,7 +23,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import Array
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 26.0  # of the prior: far from what was known, as none of 1,000 segments is
+_UNLIKE_COST = 26.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
 _DOUBT_K = 1.15  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1

@@ -1,9 +1,9 @@
 """What a segment's readings say that cannot be: a dead sensor or heater, a relay that is welded.
 
 Every reading is compared with what the segment was asked to be, with its model's times and with the
-heat that was let in (`HeatBelief`), which also has the last word on the heater and on "soft". All
-that is wrong is a `SegmentError` with the name of its cause. No robot within the healthy ranges,
-from which simulated ones are drawn, too, is called wrong.
+heat that was let in. That estimate (`HeatBelief`) has the last word on the heater and on "soft"; it
+stays within the ranges of healthy robots, from which simulated ones are drawn, too. All that is
+wrong is a `SegmentError` with the name of its cause.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ _USUAL, _AS_EVER = 200, 1.8  # readings, and how much more or less they may flic
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT = 20  # readings, a second apart, that tell whether it warms or cools
+_STANDS = 4  # of them that are the same
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
 _EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
@@ -305,12 +306,15 @@ class SegmentWatch:
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         risen_K = here_C - self._recent_C[0]
+        at_C = abs(here_C - self._heater.melting_point_C)
+        melts = (
+            at_C < _OFF_BY_K and self._is_alive
+        )  # else what stands still is a sensor that sticks
         if belief.heated_s > 0.0 and here_C <= high_C:
             cold_C, dead = belief.start.shown_C + _WARMED_K, ""
             if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
                 dead = "warm"
-            melts = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
-            if melts and abs(risen_K) < _SAME_K and self._is_alive:
+            if melts and abs(risen_K) < _SAME_K:
                 dead = "melt"
             if dead:
                 self.belief = belief.begun(here_C, here_C)  # one may go on without it
@@ -319,7 +323,10 @@ class SegmentWatch:
         if self._asked == "soft" and here_C < low_C:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
-        if here_C > high_C and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
+        stands = len({*list(self._recent_C)[-_STANDS:]}) == 1  # to the last digit
+        if here_C > high_C and not stands and melts and self._asked == "rigid":
+            self._raise("cooling", f"{words}: it cools too slowly")
+        if here_C > high_C and not stands and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
             if risen_K > 0.0 and self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
             if risen_K > 0.0 and here_C > self._heater.soft_setpoint_C + _HELD_K:
