@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +12,10 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from once import planned
 
 from twosra_mpc import Plan, Robot, load_robot
 from twosra_mpc.analysis.critical_path import activities, critical_path
-from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.plans.trajectory import soft_and_changing, stiffness_intervals
@@ -184,16 +180,3 @@ def test_exports_have_columns_for_every_segment(three: Plan, tmp_path: Path) -> 
     with (tmp_path / "plan.csv").open(newline="") as stream:
         header = next(csv.reader(stream))
     assert ",".join(header) == "x,y,angle,k1,k2,k3,v1,v2,u0,v0,r0,s1,s2,s3,time"
-    save_mcap(three, tmp_path / "plan.mcap")
-    found: dict[str, list[object]] = {}
-    with (tmp_path / "plan.mcap").open("rb") as stream:
-        for schema, channel, message in make_reader(stream).iter_messages():
-            assert schema is not None
-            decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-            content = decode(message.data) if decode else json.loads(message.data)
-            found.setdefault(channel.topic, []).append(content)
-    assert list(found["/mode"][0]) == ["mode1", "mode2", "mode3"]  # type: ignore[call-overload]
-    for update in found["/robot"]:
-        (robot,) = update.entities  # type: ignore[attr-defined]
-        assert len(robot.lines) == (SEGMENTS + 1) + SEGMENTS
-        assert len(robot.cubes) == 2 + 4

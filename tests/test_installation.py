@@ -26,19 +26,19 @@ class _Distribution:
 @pytest.mark.parametrize(
     ("origin", "command"),
     [
-        (None, "pip install 'twosra-mpc[mcap]'"),
-        ({"url": "file:///src/mine", "dir_info": {}}, "pip install '/src/mine[mcap]'"),
+        (None, "pip install 'twosra-mpc[ros]'"),
+        ({"url": "file:///src/mine", "dir_info": {}}, "pip install '/src/mine[ros]'"),
         (
             {"url": "file:///my%20src/mine", "dir_info": {"editable": True}},
-            "pip install -e '/my src/mine[mcap]'",
+            "pip install -e '/my src/mine[ros]'",
         ),
         (
             {"url": "file:///tmp/twosra_mpc-0.1.0-py3-none-any.whl", "archive_info": {}},
-            "pip install 'twosra-mpc[mcap] @ file:///tmp/twosra_mpc-0.1.0-py3-none-any.whl'",
+            "pip install 'twosra-mpc[ros] @ file:///tmp/twosra_mpc-0.1.0-py3-none-any.whl'",
         ),
         (
             {"url": "https://example.org/r.git", "vcs_info": {"vcs": "git", "commit_id": COMMIT}},
-            f"pip install 'twosra-mpc[mcap] @ git+https://example.org/r.git@{COMMIT}'",
+            f"pip install 'twosra-mpc[ros] @ git+https://example.org/r.git@{COMMIT}'",
         ),
     ],
     ids=["index", "clone", "editable clone", "archive", "repository"],
@@ -47,8 +47,8 @@ def test_an_extra_comes_from_where_the_package_came_from(
     monkeypatch: pytest.MonkeyPatch, origin: object, command: str
 ) -> None:
     monkeypatch.setattr(importlib.metadata, "distribution", lambda _: _Distribution(origin))
-    assert install_command("mcap") == command
+    assert install_command("ros") == command
 
 
 def test_this_installation_has_a_command() -> None:
-    assert install_command("mcap").startswith("pip install ")
+    assert install_command("ros").startswith("pip install ")

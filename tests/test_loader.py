@@ -32,7 +32,7 @@ from twosra_mpc.execution.tracking.tracker import Tracker
 OUTPUTS: dict[str, list[list[str]]] = {
     "verify": [[]],
     "resample": [["out.csv", "--rate", "5"], ["out.json", "--rate", "5"]],
-    "export": [["out.csv"], ["out.mcap"], ["out.mcap", "--ros2"]],
+    "export": [["out.csv"], ["out.mcap"]],
     "animate": [["out.gif", "--seconds", "1"]],
     "stream": [["--dry-run"]],
     "report": [["out.html"]],
@@ -100,7 +100,7 @@ def test_no_function_sends_or_writes_a_plan_that_does_not_verify(
         lambda plan: simulate(problem, plan=plan),
         *(lambda plan, save=save: save(plan, tmp_path / "out.csv") for save in savers()),
     ]
-    assert len(emitters) == 7
+    assert len(emitters) == 6
     for emit in emitters:
         with pytest.raises(NoPlanError, match="it does not verify"):
             emit(plan)

@@ -16,11 +16,8 @@ from forged_missions import CUP_IN_B0, fetched, reshaped, tidied
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 
 from twosra_mpc import Plan, load_problem
-from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
@@ -236,30 +233,6 @@ def test_what_is_pushed_is_said_to_be_held_by_contact_alone() -> None:
     pushed = replace(made, trajectory=replace(made.trajectory, problem=problem))
     expected = "pushed: held only while contact is kept (friction 0.3)"
     assert [row.held for row in task_rows(pushed)][:2] == [expected] * 2
-
-
-def test_foxglove_sees_objects_move(tmp_path: Path) -> None:
-    made, path = fetched(), tmp_path / "plan.mcap"
-    save_mcap(made, path)
-    with path.open("rb") as stream:
-        found = [
-            (schema, message)
-            for schema, channel, message in make_reader(stream).iter_messages()
-            if channel.topic == "/objects"
-        ]
-    decode = DecoderFactory().decoder_for("protobuf", found[0][0])
-    assert decode is not None
-    for _, message in found:
-        (entity,) = decode(message.data).entities
-        assert entity.id == "object cup"
-        floor = [(p.x, p.y) for p in entity.triangles[0].points if p.z == 0.0]
-        time_s = np.array([1e-9 * message.log_time])
-        pose = object_poses(made.trajectory, time_s)[0, 0]
-        assert np.mean(floor, axis=0) == pytest.approx(pose[:2], abs=1e-6)
-    grasped_s, carried_s, _ = made.trajectory.done_s
-    times_s = [1e-9 * message.log_time for _, message in found]
-    assert times_s[0] == 0.0
-    assert all(grasped_s <= time_s <= carried_s + 1e-6 for time_s in times_s[1:])
 
 
 SCENARIOS = {

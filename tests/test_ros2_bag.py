@@ -20,9 +20,10 @@ from twosra_mpc import InputError, Plan, load_robot
 from twosra_mpc.export.robot_chain import angles, joints, urdf
 from twosra_mpc.export.ros2_mcap import TEMPERATURE_STEP_C, save_ros2_bag
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.robot.geometry import Geometry
 
-LATCHED = {"/robot_description", "/path"}
+LATCHED = {"/robot_description", "/path", "/surroundings"}
 Messages = dict[str, list[tuple[float, Any]]]
 
 
@@ -190,16 +191,33 @@ def test_who_comes_late_gets_what_is_latched(tmp_path: Path) -> None:
         assert profile["reliability"] == 1
 
 
+def test_objects_are_outlines_in_frames_that_move_with_them(tmp_path: Path) -> None:
+    made, path = planned("grasp-cube"), tmp_path / "plan.mcap"
+    save_ros2_bag(made, path)
+    messages = read(path)
+    ((_, around),) = messages["/surroundings"]
+    problem = made.problem
+    outlines = {each.ns: np.array([(p.x, p.y) for p in each.points]) for each in around.markers}
+    assert list(outlines) == [*problem.world.names, *(each.name for each in problem.objects)]
+    for name, obstacle in zip(problem.world.names, problem.obstacles, strict=True):
+        assert outlines[name][:-1] == pytest.approx(obstacle.inner_corners_m)
+    frames = {each.ns: each.header.frame_id for each in around.markers}
+    for time_s, tf in messages["/tf"]:
+        placed = {each.child_frame_id: matrix(each.transform) for each in tf.transforms}
+        poses = object_poses(made.trajectory, np.array([time_s]))[0]
+        for item, pose in zip(problem.objects, poses, strict=True):
+            corners = np.insert(outlines[item.name][:-1], 2, [[0.0], [1.0]], axis=1)
+            there = (corners @ placed[frames[item.name]].T)[:, :2]
+            assert there == pytest.approx(item.at(pose).inner_corners_m, abs=1e-6)
+
+
 def test_the_command_writes_a_bag(run: Run, tmp_path: Path) -> None:
     plan = tmp_path / "plan.json"
     code, _, err = run("plan", "paper-1", "--out", str(plan))
     assert code == 0, err
-    code, _, err = run("export", str(plan), str(tmp_path / "bag.mcap"), "--ros2", "--rate", "5")
+    code, _, err = run("export", str(plan), str(tmp_path / "bag.mcap"), "--rate", "5")
     assert code == 0, err
     assert "/tf" in read(tmp_path / "bag.mcap")
-    code, _, err = run("export", str(plan), str(tmp_path / "bag.csv"), "--ros2")
-    assert code == 2
-    assert "a file ending in .mcap" in err
 
 
 def test_without_the_extra_it_says_what_to_install(

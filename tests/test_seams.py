@@ -59,7 +59,6 @@ ALLOWED = {
     "flint": CERTIFICATES,
     "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),
-    "foxglove": ("export/",),
     "mcap_ros2": ("export/",),
     "dask": ("lab/batch/",),
     "distributed": ("lab/batch/",),

@@ -13,15 +13,12 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from once import planned, solved
 
 from twosra_mpc import Plan, load_problem
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import figures, plot_plan, plot_snapshots, plot_sweep
 from twosra_mpc.plotting.playback import plan_playback
@@ -148,33 +145,6 @@ def test_the_report_shows_them_and_can_be_planned_again(tmp_path: Path) -> None:
     file.write_text(scenario_toml(among().problem))
     again = load_problem(file)
     assert (again.obstacles, again.tasks) == (among().problem.obstacles, among().problem.tasks)
-
-
-def test_foxglove_sees_walls_where_obstacles_are(tmp_path: Path) -> None:
-    path = tmp_path / "plan.mcap"
-    save_mcap(among(), path)
-    with path.open("rb") as stream:
-        messages = [
-            (schema, message)
-            for schema, channel, message in make_reader(stream).iter_messages()
-            if channel.topic == "/surroundings"
-        ]
-    ((schema, message),) = messages
-    decode = DecoderFactory().decoder_for("protobuf", schema)
-    assert decode is not None
-    entities = {entity.id: entity for entity in decode(message.data).entities}
-    assert set(entities) == {"wall", "obstacle 2", "moon", "pass door"}
-    for obstacle, name in zip(among().problem.obstacles, among().problem.world.names, strict=True):
-        (sides,), corners = entities[name].triangles, obstacle.inner_corners_m
-        floor = np.array([(p.x, p.y) for p in sides.points if p.z == 0.0])
-        assert floor == pytest.approx(corners)
-        assert len(sides.indices) == 6 * len(corners)
-        assert max(sides.indices) < len(sides.points)
-    plain = tmp_path / "plain.mcap"
-    save_mcap(planned("move-and-shape"), plain)
-    with plain.open("rb") as stream:
-        topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
-    assert "/surroundings" not in topics
 
 
 def test_a_workspace_is_drawn_to_its_edges() -> None:

@@ -36,7 +36,7 @@ from twosra_mpc.execution import LEVELS, Camera, Executor, SimulatedRobot, simul
 from twosra_mpc.validation import Value
 
 PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
-EXPORTS = ("export.plan_mcap", "export.ros2_mcap", "plans.setpoints")
+EXPORTS = ("export.ros2_mcap", "plans.setpoints")
 PAGES = Path(__file__).parents[1] / "docs/reference"
 
 

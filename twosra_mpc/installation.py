@@ -13,7 +13,7 @@ __version__ = "0.1.0"  # written here, and read by what builds the package
 DISTRIBUTION = "twosra-mpc"
 BATCH = ("distributed", "pandas", "pyarrow")  # packages that it needs
 _MODULES = {  # package -> its module, where that is called otherwise
-    **{"foxglove-sdk": "foxglove", "mcap-ros2-support": "mcap_ros2", "pyserial": "serial"},
+    **{"mcap-ros2-support": "mcap_ros2", "pyserial": "serial"},
     **{"python-flint": "flint", "scikit-image": "skimage"},
 }
 
@@ -25,7 +25,7 @@ def install_command(extra: str) -> str:
     repository is installed from there again (as PEP 610 records it).
 
     Args:
-        extra: Name of the extra, such as ``mcap``.
+        extra: Name of the extra, such as ``ros``.
     """
     from importlib.metadata import distribution  # it and urllib take as long as a plan
 

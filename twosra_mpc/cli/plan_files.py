@@ -40,10 +40,9 @@ from twosra_mpc.cli.output import (
     print_table,
 )
 from twosra_mpc.errors import MISSING, InputError
-from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
-from twosra_mpc.files import ending_of, read_bytes, text_of, write_text
+from twosra_mpc.files import read_bytes, text_of, write_text
 from twosra_mpc.installation import require
 from twosra_mpc.physics.mjcf import mjcf
 from twosra_mpc.plans.setpoints import save_authors_csv, save_setpoints
@@ -181,68 +180,51 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
 
 
 _OF_ROBOTS = {".xml": mjcf, ".urdf": urdf}
+_OF_PLANS = {".mcap": save_ros2_bag, ".csv": save_authors_csv}
 
 
 @command("export")
 @click.argument("source", metavar="PLAN|ROBOT", **ROBOT)
 @ACCEPT_PAPER_WHEELS
-@out_argument(ending(".mcap", ".csv", *_OF_ROBOTS))
+@out_argument(ending(*_OF_PLANS, *_OF_ROBOTS))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
-@click.option("--ros2", is_flag=True, help="MCAP: standard messages of ROS 2.")
 def export_command(
-    source: str,
-    accept_paper_wheels: bool,
-    out: Path,
-    rate_Hz: float | None,
-    ros2: bool,
-    output: Output,
+    source: str, accept_paper_wheels: bool, out: Path, rate_Hz: float | None, output: Output
 ) -> None:
     """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 
     Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open; or to
     a .urdf file: a chain of short links for each segment, as RViz shows it.
 
-    MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
-    configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV
-    has the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time.
+    MCAP is a bag for ROS 2, which Foxglove opens as well: JointState, TFMessage, Path, Temperature,
+    outlines of obstacles and objects, and the robot as URDF. Its clock is the plan's, from zero. It
+    needs mcap-ros2-support, and no ROS: {ros}
+
+    CSV has the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time.
     Plans with the paper's wheel map are refused: without slip they bend it by 17 to 48 % of what is
     planned.
-
-    MCAP needs the package foxglove-sdk: {mcap}
-
-    With --ros2 the .mcap file is a bag for ROS 2: JointState, TFMessage, Path, Temperature and the
-    robot as URDF. It needs mcap-ros2-support, and no ROS: {ros}
 
     \b
     Play a plan at thirty frames a second (in Foxglove: open the file, add a 3D panel):
       twosra plan paper-1 --out plan.json
       twosra export plan.json plan.mcap --rate 30
-    A bag of standard messages for ROS 2, with the robot as URDF:
-      twosra export plan.json bag.mcap --ros2 --rate 30
     The plan's own grid as the authors' scripts read it:
       twosra export plan.json plan.csv
     A robot with rolling wheels and a fibre of hinges, to play with:
       twosra export 2sra-v1 robot.xml
       python -m mujoco.viewer --mjcf=robot.xml
     """
-    if (write := _OF_ROBOTS.get(out.suffix.lower())) is not None and not ros2:
+    kind = out.suffix.lower()
+    if (write := _OF_ROBOTS.get(kind)) is not None:
         described = load_robot(source)
         write_text(out, write(described))
         output.record((described.name, "exported"), {"file": str(out), "robot": described.name})
         return
     plan = drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
     robot, duration_s = plan.robot.name, plan.duration_s
-    document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
-    if ros2:
-        ending_of(out, ".mcap")
     with output.progress(f"writing {out}"):
-        if ros2:
-            save_ros2_bag(plan, out, rate_Hz)
-        elif out.suffix.lower() == ".csv":
-            save_authors_csv(plan, out, rate_Hz)
-        else:
-            save_mcap(plan, out, rate_Hz)
-            document["topics"] = list(TOPICS)
+        _OF_PLANS.get(kind, save_ros2_bag)(plan, out, rate_Hz)  # a pipe has no ending
+    document = {"file": str(out), "robot": robot, "duration_s": duration_s}
     output.record((robot, "exported"), document)
 
 

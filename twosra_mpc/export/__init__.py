@@ -1,1 +1,1 @@
-"""Plans in the formats of other programs: MCAP for Foxglove, CSV as the authors write it."""
+"""Plans and robots in the formats of other programs: bags of ROS 2 (MCAP), URDF."""

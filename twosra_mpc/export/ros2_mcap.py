@@ -5,8 +5,9 @@ wheels, ``/tf`` all its frames, ``/path`` the course of b0. ``/wheel_commands`` 
 whose velocities hold to the next message. ``/mode`` is the stiffness mode, 1 for each soft segment;
 ``/segmentN/temperature`` is what the metal is expected to be and ``/segmentN/setpoint`` what its
 heater regulates to, in degrees Celsius. Times are the plan's, from zero; what does not change is
-not written again, but for the plan's end, at which every topic has a last message. The description
-and the path are latched: who subscribes later gets them, too.
+not written again, but for the plan's end, at which every topic has a last message. The description,
+the path and ``/surroundings`` are latched: who subscribes later gets them, too. Surroundings are
+outlines: of obstacles in the world, of each object in a frame of its own that ``/tf`` moves.
 """
 
 from __future__ import annotations
@@ -26,9 +27,12 @@ from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.files import check_writable, data_file, write_bytes
 from twosra_mpc.installation import require
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 
 WORLD = "world"
@@ -38,7 +42,7 @@ _TYPES = dict(  # interface -> its fields
     each.split("\n", 1) for each in data_file("export/interfaces.msg").split(_RULE)[1:]
 )
 
-_LATCHED = {"/robot_description", "/path"}
+_LATCHED = {"/robot_description", "/path", "/surroundings"}
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 _QOS = {  # of a publisher, in the numbers of rmw: reliable, keeps the last message
     **{"history": 1, "depth": 1, "reliability": 1, "durability": 2, "deadline": _FOREVER},
@@ -46,6 +50,8 @@ _QOS = {  # of a publisher, in the numbers of rmw: reliable, keeps the last mess
     "avoid_ros_namespace_conventions": False,
 }
 _TRANSIENT_LOCAL = 1  # durability of what is latched
+_LINE_STRIP = 4  # visualization_msgs/Marker
+_LINE_M, _GREY = 0.005, 0.45  # of outlines
 
 Send = Callable[[str, str, float, dict[str, Any]], None]  # topic, interface, time [s], message
 
@@ -87,6 +93,7 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
             bag.write_message(topic, schemas[interface], message, log_time=at, publish_time=at)
 
         send("/robot_description", "std_msgs/String", 0.0, {"data": urdf(plan.robot)})
+        _send_surroundings(plan.problem, send)
         _send_motion(shown, send)
         _send_commands(shown.trajectory.held(), send)
     write_bytes(path, memory.getvalue())
@@ -104,11 +111,39 @@ def _news(table: Array, step: float = 0.0) -> NDArray[np.bool_]:
     return new
 
 
+def _send_surroundings(problem: Problem, send: Send) -> None:
+    """Outlines of obstacles and objects, once, if there are any."""
+    placed = zip(problem.world.names, problem.obstacles, strict=True)
+    outlines = [(WORLD, name, obstacle.inner_corners_m) for name, obstacle in placed]
+    outlines += [(_frame_of(each), each.name, each.own.inner_corners_m) for each in problem.objects]
+    markers = [
+        {
+            "header": _header(0.0, frame),
+            "ns": name,
+            "type": _LINE_STRIP,
+            "pose": {"position": _xyz(0.0, 0.0), "orientation": _turn(0.0)},
+            "scale": _xyz(_LINE_M, 0.0),
+            "color": dict.fromkeys("rgb", _GREY) | {"a": 1.0},
+            "frame_locked": True,
+            "points": [_xyz(*corner) for corner in [*corners.tolist(), corners[0].tolist()]],
+        }
+        for frame, name, corners in outlines
+    ]
+    if markers:
+        send("/surroundings", "visualization_msgs/MarkerArray", 0.0, {"markers": markers})
+
+
+def _frame_of(item: Object) -> str:
+    return f"object {item.name}"
+
+
 def _send_motion(plan: Plan, send: Send) -> None:
-    """The path once; joint states and frames wherever the robot has moved."""
+    """The path once; joint states and frames wherever robot or objects have moved."""
     geometry, samples = plan.robot.geometry, plan.samples
     turned = plan.trajectory.wheel_travel_rad(samples.t_s)
-    new = _news(np.hstack([samples.q, turned]))
+    things = plan.problem.objects
+    moved = object_poses(plan.trajectory, samples.t_s, samples.q)
+    new = _news(np.hstack([samples.q, turned, moved.reshape(len(turned), -1)]))
     poses = [
         {"header": _header(t), "pose": {"position": _xyz(x, y), "orientation": _turn(phi)}}
         for t, (x, y, phi) in zip(
@@ -118,8 +153,8 @@ def _send_motion(plan: Plan, send: Send) -> None:
     send("/path", "nav_msgs/Path", 0.0, {"header": _header(0.0), "poses": poses})
     chain = joints(geometry)
     names = [joint.name for joint in chain]
-    for time_s, q, wheel_rad in zip(
-        samples.t_s[new].tolist(), samples.q[new], turned[new], strict=True
+    for time_s, q, wheel_rad, at in zip(
+        samples.t_s[new].tolist(), samples.q[new], turned[new], moved[new].tolist(), strict=True
     ):
         position = angles(geometry, q, wheel_rad).tolist()
         send(
@@ -128,6 +163,8 @@ def _send_motion(plan: Plan, send: Send) -> None:
         x, y, phi = q[:POSE].tolist()
         frames = [_frame(time_s, WORLD, BASE, _xyz(x, y), _turn(phi))]
         frames += [_joint_frame(time_s, *each) for each in zip(chain, position, strict=True)]
+        for item, (x, y, phi) in zip(things, at, strict=True):
+            frames.append(_frame(time_s, WORLD, _frame_of(item), _xyz(x, y), _turn(phi)))
         send("/tf", "tf2_msgs/TFMessage", time_s, {"transforms": frames})
 
 
