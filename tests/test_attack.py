@@ -213,7 +213,11 @@ def test_metal_that_coasts_lets_one_heater_melt_the_other_segment() -> None:
 @pytest.mark.parametrize("warm_C", [30.0, 50.0])
 @pytest.mark.parametrize("cycles", [1, 2])
 def test_windows_of_a_weak_heater_in_cold_air_forbid_nothing(warm_C: float, cycles: int) -> None:
-    robot = bodies()["cardioid"].weakened("power", 0.45)
+    robot = bodies()["cardioid"]
+    segment, key = robot.segment, "power_K_per_s"
+    ranges = {**segment.ranges, key: tuple(0.45 * each for each in segment.ranges[key])}
+    weak = segment.with_values(power_K_per_s=0.45 * segment.power_K_per_s, ranges=ranges)
+    robot = robot.with_values(segment=weak)
     sequence = (RIGID, *(SOFT_1, RIGID) * cycles)
     made = along(sequence, robot, warm_C, ambient_C=5.0, transition_quantile=0.6)
     for claim in claims(made, tighter=False):

@@ -19,11 +19,9 @@ from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Explanation, explain
-from twosra_mpc.analysis.transition_speed import reference_s, slowed
 from twosra_mpc.effort import Ending
 from twosra_mpc.planning.planner import plan_without
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
-from twosra_mpc.robot.segment import LumpedSegment
 
 SCENARIOS = ("paper-1", "shape-change")
 
@@ -219,8 +217,6 @@ def test_every_figure_is_that_of_planning_the_changed_problem(
         "without mode [1,0]": base.with_values(modes=[RIGID, SOFT_2, SOFT_BOTH]),
         "without mode [1,1]": base.with_values(modes=[RIGID, SOFT_2, SOFT_1]),
         "with one heater at a time": base.with_values(heaters_at_once=1),
-        "freezing 1.5 times slower": slowed(base, "freeze", 1.5)[0],
-        "melting 1.5 times slower": slowed(base, "melt", 1.5)[0],
     }
     assert {one.change for one in result.alternatives} == {
         *changed,
@@ -231,17 +227,6 @@ def test_every_figure_is_that_of_planning_the_changed_problem(
         assert (told.result.status, told.result.message) == (direct.status, direct.message)
         assert told.result.lower_bound == direct.lower_bound
         assert (told.plan and told.plan.cost) == (direct.plan and direct.plan.cost)
-
-
-def test_what_slower_metal_costs_is_on_the_critical_path(
-    explained: Callable[[str], Explanation],
-) -> None:
-    """The freeze is 234.6 s of the plan, so half of that more; less what the quicker melts save."""
-    other = alternative(explained("shape-change"), "freezing 1.5 times slower")
-    assert other.difference_s is not None
-    frozen = [one for one in explained("shape-change").critical_path if one.kind == "freeze"]
-    assert other.difference_s == pytest.approx(0.5 * frozen[0].duration_s, abs=5.0)
-    assert "a freeze takes 380.1 s, not 253.4" in other.details
 
 
 def test_a_mode_that_must_not_be_missing_is_proved_so() -> None:
@@ -274,7 +259,7 @@ def test_where_nothing_needs_to_melt_that_is_said() -> None:
     assert "melts more than it needs; none costs less than" in other.outcome
     assert any("nothing is melted" in reason for reason in told.why)
     assert told.complete  # the time limit of an alternative is no interrupt
-    assert not any("slower" in one.change or "heater" in one.change for one in told.alternatives)
+    assert not any("heater" in one.change for one in told.alternatives)
 
 
 def test_a_plan_is_explained_as_its_problem_is(explained: Callable[[str], Explanation]) -> None:
@@ -300,63 +285,6 @@ def test_resting_is_explained_by_itself() -> None:
 def test_the_greedy_rule_is_not_explained() -> None:
     with pytest.raises(InputError, match="weighs no alternatives"):
         explain(load_problem("paper-1", planner="greedy"))
-
-
-# --- slower metal --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", ["freeze", "melt"])
-@pytest.mark.parametrize("robot", ["2sra-v1-paper", "2sra-v1", "2sr-v2"])
-def test_slower_is_exactly_so_much_slower(robot: str, kind: Any) -> None:
-    goal = {"kappa_per_m": (5.0, 5.0)}
-    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
-    problem = load_problem("paper-1", robot=robot, start=start, goal=goal)
-    changed, words = slowed(problem, kind, 1.5)
-    now, then = (reference_s(one.robot, one.ambient, kind) for one in (problem, changed))
-    assert then == pytest.approx(1.5 * now, rel=1e-6)
-    assert f"a {kind} takes {then:.4g} s, not {now:.4g}" in words
-    assert changed.goal == problem.goal
-
-
-def test_the_ranges_of_what_is_weakened_stay_in_proportion() -> None:
-    problem = load_problem("paper-1")
-    before, after = problem.robot.segment, slowed(problem, "freeze", 1.5)[0].robot.segment
-    assert isinstance(before, LumpedSegment)
-    assert isinstance(after, LumpedSegment)
-    share = after.convection_W_per_m2_K / before.convection_W_per_m2_K
-    assert share == pytest.approx(1 / 1.5)
-    for name, (low, high) in before.ranges.items():
-        scale = share if name == "loss_W_per_K" else 1.0
-        assert after.ranges[name] == (scale * low, scale * high)
-
-
-def test_constant_times_are_multiplied() -> None:
-    problem = load_problem("paper-1", timing="constant")
-    before: Any = problem.transition_times
-    after: Any = slowed(problem, "freeze", 1.5)[0].transition_times
-    assert after.freeze_s == 1.5 * before.freeze_s
-    assert after.freeze_changing_s == 1.5 * before.freeze_changing_s
-    assert after.melt_s == before.melt_s
-    assert slowed(problem, "melt", 2.0)[1] == "melt_s 63 -> 126 s, melt_changing_s 37 -> 74 s"
-
-
-def test_sleeps_are_multiplied_by_what_happens_in_them() -> None:
-    problem = load_problem("paper-1", timing="paper")
-    before: Any = problem.transition_times
-    colder: Any = slowed(problem, "freeze", 1.5)[0].transition_times
-    weaker: Any = slowed(problem, "melt", 1.5)[0].transition_times
-    heating = before.reconfigure_s - before.reconfigure_cool_s
-    assert colder.freeze_s == 1.5 * before.freeze_s
-    assert colder.reconfigure_s == 1.5 * before.reconfigure_cool_s + heating
-    assert weaker.heat_s == 1.5 * before.heat_s
-    assert weaker.reconfigure_s == before.reconfigure_cool_s + 1.5 * heating
-
-
-def test_metal_that_would_never_melt_is_refused() -> None:
-    with pytest.raises(InputError):
-        slowed(load_problem("paper-1"), "melt", 50.0)
-    with pytest.raises(InputError, match="freeze"):
-        slowed(load_problem("paper-1"), "freeze", 1e6)
 
 
 # --- Ctrl-C --------------------------------------------------------------------------------------

@@ -6,16 +6,11 @@ import json
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from conftest import Run
 
-import twosra_mpc.analysis.alternatives as module
 from twosra_mpc import Explanation, Problem, explain, load_problem, plan
-from twosra_mpc.analysis import goal_by_goal as ways
 from twosra_mpc.analysis.alternatives import Alternative
-from twosra_mpc.analysis.goal_by_goal import GoalByGoal, goal_by_goal
-from twosra_mpc.effort import Ending
 from twosra_mpc.problem.tasks import Pass, Reach, in_one_go
 
 
@@ -36,10 +31,6 @@ def mission(**changes: Any) -> Problem:
 @pytest.fixture(scope="module")
 def explained() -> Explanation:
     return explain(mission())
-
-
-def one_by_one(explained: Explanation) -> list[Alternative]:
-    return [each for each in explained.alternatives if each.change.startswith("goal by goal")]
 
 
 def other_orders(explained: Explanation) -> list[Alternative]:
@@ -71,28 +62,6 @@ def test_what_a_task_finds_melted_and_frozen_is_said(explained: Explanation) -> 
     assert "in the shape of reach dock: no melt of its own" in str(explained)
 
 
-def test_one_plan_is_never_longer_than_goal_by_goal(explained: Explanation) -> None:
-    cold, warm = one_by_one(explained)
-    assert cold.cost is not None
-    assert warm.cost is not None
-    within = 1 + explained.result.problem.gap
-    assert warm.original.cost.total <= within * warm.cost
-    assert warm.cost <= within * cold.cost
-    assert cold.price.startswith("+")
-    assert "in one plan 3" in cold.outcome
-
-
-def test_each_goal_alone_begins_where_the_one_before_ends(explained: Explanation) -> None:
-    for way in one_by_one(explained):
-        assert len(way.results) == len(explained.tasks) == 3
-        for before, after in zip(way.results, way.results[1:], strict=False):
-            end = before.require().samples.q[-1]
-            np.testing.assert_allclose(after.problem.start.configuration, end)
-            warm = max(after.problem.temperatures) > after.problem.ambient + 10
-            assert warm == ("carried on" in way.change and bool(before.require().transitions))
-            assert after.problem.start_mode == (0, 0)
-
-
 def test_the_other_order_costs_what_planning_it_does(explained: Explanation) -> None:
     (other,) = other_orders(explained)
     assert other.change == "in the order reach shelf, reach dock"
@@ -103,11 +72,8 @@ def test_the_other_order_costs_what_planning_it_does(explained: Explanation) -> 
     assert explained.orders_left == 0
 
 
-def test_where_the_order_was_chosen_the_one_listed_is_another(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_where_the_order_was_chosen_the_one_listed_is_another() -> None:
     listed = [reach(0.1, (20.0, 0.0), "desk"), reach(-0.1, (0.0, 0.0), "door")]
-    monkeypatch.setattr(module, "TEMPERATURES", {})
     found = explain(mission(tasks=listed, order="free", motion="fastest"))
     assert [each.words for each in found.tasks][:2] == ["reach door", "reach desk"]
     assert found.tasks[0].shape_of == "the start"
@@ -117,36 +83,13 @@ def test_where_the_order_was_chosen_the_one_listed_is_another(
     assert other.difference_s > 0
 
 
-def test_of_many_orders_some_are_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_many_orders_some_are_planned() -> None:
     problem = mission(tasks=[reach(0.1, (0.0, 0.0), name) for name in "abcd"])
     result = plan(problem)
-    monkeypatch.setattr(module, "goal_by_goal", lambda *_, **__: pytest.fail("not asked for"))
-    monkeypatch.setattr(module, "TEMPERATURES", {})
     told: list[str] = []
     found = explain(result, on_progress=told.append, most_orders=2)
     assert (len(found.alternatives), found.orders_left) == (2, 21)
     assert len([words for words in told if words.startswith("in the order")]) == 2
-
-
-def test_ctrl_c_keeps_what_is_known(
-    explained: Explanation, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result = plan(mission(motion="fastest"))
-    interrupted = replace(result, ending=Ending.INTERRUPTED)
-    monkeypatch.setattr(ways, "plan_until_interrupted", lambda _: interrupted)
-    found = explain(result)
-    assert not found.complete
-    assert len(found.tasks) == 3
-    assert found.alternatives == ()
-    assert str(found).endswith("Interrupted: not all alternatives were planned.")
-
-
-def test_a_goal_that_cannot_be_reached_alone_ends_the_account() -> None:
-    problem = mission(modes=[(0, 0), (1, 0)])
-    way = goal_by_goal(problem)
-    assert way.cost is None
-    assert len(way.results) == 1
-    assert "no plan to reach dock from there: proved infeasible" in way.trouble
 
 
 def test_no_plan_has_its_reason() -> None:
@@ -154,16 +97,6 @@ def test_no_plan_has_its_reason() -> None:
     assert (found.tasks, found.alternatives, found.orders_left) == ((), (), 0)
     assert found.complete
     assert str(found) == found.result.message
-
-
-def test_where_a_goal_cannot_be_reached_alone_that_is_the_outcome(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    trouble = "no plan to reach dock from there: why"
-    broken = GoalByGoal((), trouble)
-    monkeypatch.setattr(module, "goal_by_goal", lambda *_, **__: broken)
-    found = one_by_one(explain(mission(motion="fastest"), most_orders=0))
-    assert [(each.cost, each.price, each.outcome) for each in found] == [(None, "", trouble)] * 2
 
 
 def test_what_is_done_with_an_object_in_hand_stays_together() -> None:
@@ -186,12 +119,11 @@ def test_the_command_prints_it_and_writes_json(run: Run) -> None:
     code, out, _ = run("explain", "three-shapes", "--time-limit", "60")
     assert code == 0
     assert "in the shape of reach dock" in out
-    assert "goal by goal, with temperatures carried on" in out
+    assert "in the order" in out
 
 
-def test_a_cheaper_order_becomes_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cheaper_order_becomes_the_plan() -> None:
     """Where the order is free, a dear order is given away for the cheap one among the others."""
-    monkeypatch.setattr(module, "goals", lambda _: iter(()))  # nothing else is planned
     dear = load_problem("three-shapes", motion="fastest")
     tasks = dear.tasks[::-1]
     found = plan(dear.with_values(tasks=tasks)).require()

@@ -12,7 +12,6 @@ import pytest
 from thermal_problems import V1
 
 from twosra_mpc import InputError, Problem, Robot, Status, check_plan, plan
-from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.lab.bench.heater_loop import simulate_heater
@@ -20,7 +19,7 @@ from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.robot.segment import Heater, LumpedSegment, Segment
-from twosra_mpc.robot.timing import Kind, Timing
+from twosra_mpc.robot.timing import Timing
 from twosra_mpc.thermal.lumped import Lumped, State
 from twosra_mpc.timing import EventLayout, TemporalNetwork, Transition, TransitionModel, model_of
 from twosra_mpc.timing.constant_heating import ConstantHeating
@@ -74,7 +73,7 @@ def robot_with_a_fan() -> Robot:
     return Robot(**{**document, "name": "with a fan"})
 
 
-def test_a_new_segment_model_plans_is_checked_slowed_and_controlled(tmp_path: Path) -> None:
+def test_a_new_segment_model_plans_is_checked_and_controlled(tmp_path: Path) -> None:
     robot = robot_with_a_fan()
     still = plan(Problem(robot=V1, **MOVE)).require()
     problem = Problem(robot=robot, **MOVE, transition_quantile=0.8)
@@ -90,9 +89,6 @@ def test_a_new_segment_model_plans_is_checked_slowed_and_controlled(tmp_path: Pa
     result.save(path)
     assert check_plan(path).ok
     assert plan(problem).require().cost.total > found.cost.total
-    slower, words = slowed(found.problem, "freeze", 1.5)
-    assert "heat flow out of the metal" in words
-    assert slower.robot.thermal_segment(0).model == "fan"
     model, sensor = segment_model(robot, 25.0, 0), temperature_sensor(robot, 25.0, 0)
     controller = stiffness_controller(robot, 25.0, 0)
     run = simulate_heater(model, sensor, controller, [(0.0, "soft"), (120.0, "rigid")], 300.0)
@@ -106,9 +102,6 @@ def robot_that_pauses(pause_s: float) -> Robot:
     class PauseTiming(Timing):
         overlap: Literal["pause"]
         pause_s: Positive
-
-        def slowed(self, kind: Kind, factor: float) -> PauseTiming:
-            return PauseTiming(overlap="pause", pause_s=factor * self.pause_s)
 
     @model_of.register(PauseTiming)
     @dataclass(frozen=True)
@@ -168,7 +161,7 @@ def robot_that_pauses(pause_s: float) -> Robot:
     return Robot(**{**document, "name": "with pauses"})
 
 
-def test_a_new_timing_plans_is_checked_and_slowed(tmp_path: Path) -> None:
+def test_a_new_timing_plans_and_is_checked(tmp_path: Path) -> None:
     problem = Problem(robot=robot_that_pauses(70.0), **MOVE, timing="pauses", motion="fastest")
     result = plan(problem)
     found = result.require()
@@ -178,9 +171,6 @@ def test_a_new_timing_plans_is_checked_and_slowed(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     result.save(path)
     assert check_plan(path).ok
-    slower, words = slowed(problem, "melt", 2.0)
-    assert words == "pause_s 70 -> 140 s"
-    assert plan(slower).require().cost.total == pytest.approx(found.cost.total + 140.0)
 
 
 def test_the_checks_of_a_new_timing_are_asked(tmp_path: Path) -> None:

@@ -165,9 +165,8 @@ def _heated(body: Robot, times: str, rng: np.random.Generator) -> tuple[Robot, t
         source = load_robot(rng.choice(["2sra-v1", "2sr-v2"]))
         two_node = source.name == "2sr-v2"
         if two_node:
-            source = _faster_two_node(source, faster)
             share = rng.choice([1.0, rng.uniform(0.4, 0.9), rng.uniform(1.0, 2.0)])
-            source = source.weakened("power", float(share))
+            source = _faster_two_node(source, faster, float(share))
         elif faster > 1:
             source = thermally_faster(source, faster)
         kind = ("two-node",) if two_node else ("lumped",)
@@ -206,12 +205,15 @@ def _heated(body: Robot, times: str, rng: np.random.Generator) -> tuple[Robot, t
     return body.with_values(timing={"nominal": made}), features
 
 
-def _faster_two_node(robot: Robot, factor: float) -> Robot:
+def _faster_two_node(robot: Robot, factor: float, power: float) -> Robot:
     segment = robot.segment
     names = ("power_K_per_s", "coupling_per_s", "body_loss_per_s")
-    values = {name: factor * getattr(segment, name) for name in names}
+    factors = dict.fromkeys(names, factor) | {"power_K_per_s": factor * power}
+    values = {name: factors[name] * getattr(segment, name) for name in names}
     values["sensor_lag_s"] = segment.sensor_lag_s / factor
-    ranges = {n: (factor * a, factor * b) for n, (a, b) in segment.ranges.items() if n in names}
+    ranges = {
+        n: (factors[n] * a, factors[n] * b) for n, (a, b) in segment.ranges.items() if n in names
+    }
     ranges["body_ratio"] = segment.ranges["body_ratio"]
     return robot.with_values(segment=segment.with_values(**values, ranges=ranges))
 

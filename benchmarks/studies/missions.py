@@ -14,11 +14,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from benchmarks.goal_by_goal import goal_by_goal
 from benchmarks.measurement import Timing, timed_in_turns
 from benchmarks.studies.scenes import blocks
 from benchmarks.study import Count, Counts, Measured, Numbers, Study
 from twosra_mpc import InputError, Problem, load_problem, plan
-from twosra_mpc.analysis.goal_by_goal import goal_by_goal
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.coordinates import POSE, Array

@@ -1,10 +1,9 @@
 """Other plans than the one that is explained, found by planning again, and what they cost more.
 
 All are compared at full speed: gentle plans all cost as much as the gap allows. Of a goal: the next
-best mode sequence, the plan without a mode, with one heater, with slower transitions. Among
-obstacles, where each takes longer to plan: the next best mode sequence, the next best way round
-(the narrowest gap that b0 goes through closed), and the plan that keeps 5 mm more clearance. Of
-tasks: goal by goal, and in other orders.
+best mode sequence, the plan without a mode, with one heater. Among obstacles, where each takes
+longer to plan: the next best mode sequence, the next best way round (the narrowest gap that b0 goes
+through closed), and the plan that keeps 5 mm more clearance. Of tasks: other orders.
 """
 
 from __future__ import annotations
@@ -15,8 +14,6 @@ from functools import partial
 
 import numpy as np
 
-from twosra_mpc.analysis.goal_by_goal import TEMPERATURES, goal_by_goal, goals
-from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
@@ -27,7 +24,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Task, orders
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 
-SLOWER = 1.5  # how many times slower a freeze or a melt is made
 FARTHER_M = 0.005  # how much more clearance is asked for
 MOST_ORDERS = 5  # other orders of tasks that are planned
 
@@ -48,19 +44,13 @@ class Alternative:
         change: What is different, e.g. "without mode [1,0]".
         details: What exactly was changed, or what the other plan does; may be empty.
         original: The plan that is explained, at full speed.
-        results: Of planning the changed problem, each with its own status and gap: several where
-            goals are planned one after the other, none if the change makes no valid problem.
+        result: Of planning the changed problem; None if the change makes no valid problem.
     """
 
     change: str
     details: str
     original: Plan
-    results: tuple[Result, ...]
-
-    @property
-    def result(self) -> Result | None:
-        """Result of planning, if one plan was asked for."""
-        return self.results[0] if len(self.results) == 1 else None
+    result: Result | None
 
     @property
     def plan(self) -> Plan | None:
@@ -68,15 +58,9 @@ class Alternative:
         return None if self.result is None else self.result.plan
 
     @property
-    def cost(self) -> float | None:
-        """Cost of all plans together [s]; None where one is missing."""
-        costs = [each.plan.cost.total for each in self.results if each.plan]
-        return sum(costs) if self.results and len(costs) == len(self.results) else None
-
-    @property
     def difference_s(self) -> float | None:
         """Cost less that of the original [s]; None without a plan."""
-        return None if self.cost is None else self.cost - self.original.cost.total
+        return None if self.plan is None else self.plan.cost.total - self.original.cost.total
 
     @property
     def difference(self) -> float | None:
@@ -135,9 +119,9 @@ def alternatives(
         tell(change)
         try:
             problem, details = changed()
-            yield Alternative(change, details, original, (plan_until_interrupted(problem),))
+            yield Alternative(change, details, original, plan_until_interrupted(problem))
         except InputError as error:
-            yield Alternative(change, f"no such problem: {error}", original, ())
+            yield Alternative(change, f"no such problem: {error}", original, None)
 
 
 def orders_not_planned(made: Plan) -> list[tuple[Task, ...]]:
@@ -149,23 +133,16 @@ def orders_not_planned(made: Plan) -> list[tuple[Task, ...]]:
 def _of_tasks(
     made: Plan, problem: Problem, other_orders: Sequence[tuple[Task, ...]], tell: Tell
 ) -> Iterator[Alternative]:
-    """Goal by goal, where there are several goals, and in other orders."""
-    several = len(list(goals(problem))) > 1
-    if not (several or other_orders):
+    """The plan in other orders of its tasks."""
+    if not other_orders:
         return
     original = _at_full_speed(made, problem, tell)
-    melts = sum(item.to == "soft" for item in original.transitions)
-    for temperatures, words in TEMPERATURES.items() if several else ():
-        way = goal_by_goal(original.problem, temperatures, on_progress=tell)
-        details = str(way) if way.trouble else f"{way}, in one plan {melts}"
-        results = () if way.trouble else way.results
-        yield Alternative(f"goal by goal, {words}", details, original, results)
     for tasks in other_orders:
         begun = (t.said(i) for i, t in enumerate(tasks, start=1) if not t.needs_held)
         change = f"in the order {', '.join(begun)}"
         tell(change)
         found = plan_until_interrupted(original.problem.with_values(tasks=tasks))
-        yield Alternative(change, "", original, (found,))
+        yield Alternative(change, "", original, found)
 
 
 def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:
@@ -216,11 +193,6 @@ def _changes(original: Plan) -> Iterator[Change]:
         yield f"without mode {mode_name(mode)}", partial(_with, problem, modes=modes)
     if problem.heaters_at_once > 1 and original.transitions:
         yield "with one heater at a time", partial(_with, problem, heaters_at_once=1)
-    kinds = {item.to for item in original.transitions}
-    if "rigid" in kinds:
-        yield f"freezing {SLOWER:zg} times slower", partial(slowed, problem, "freeze", SLOWER)
-    if "soft" in kinds:
-        yield f"melting {SLOWER:zg} times slower", partial(slowed, problem, "melt", SLOWER)
 
 
 def _changes_among_obstacles(
@@ -267,11 +239,11 @@ def next_best(original: Plan) -> Alternative:
             break
         found = plan_without(original.problem, frozenset(excluded))
     if found.plan is not None and _differ(found.plan, original):
-        return Alternative("with the next best mode sequence", "", original, (found,))
+        return Alternative("with the next best mode sequence", "", original, found)
     details = ""
     if cheapest.found and cheapest.lower_bound is not None:
         details = f"melts more than it needs; none costs less than {cheapest.lower_bound:z.1f} s"
-    return Alternative("with any other mode sequence", details, original, (cheapest,))
+    return Alternative("with any other mode sequence", details, original, cheapest)
 
 
 def _differ(one: Plan, other: Plan) -> bool:

@@ -25,10 +25,10 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
     Every other plan is found by planning again: the next best mode sequence, each mode forbidden,
-    one heater, slower metal. Among obstacles: the next best mode sequence, the next best way round,
+    one heater. Among obstacles: the next best mode sequence, the next best way round,
     5 mm more clearance; and why it reshapes, and where. Of a mission: what tasks share, what each
-    costs, what they would cost goal by goal and in other orders. --time-limit is for each of the
-    plans. Ctrl-C prints what is known so far.
+    costs, what they would cost in other orders. --time-limit is for each of the plans. Ctrl-C
+    prints what is known so far.
 
     \b
     Why these modes, in this order?
@@ -75,7 +75,7 @@ def _explanation(found: Explanation) -> dict[str, Any]:
 def _alternative(other: Alternative) -> dict[str, Any]:
     return {
         "change": other.change,
-        "cost_s": other.cost,
+        "cost_s": other.plan and other.plan.cost.total,
         "difference_s": other.difference_s,
         "difference": other.difference,
         "outcome": other.outcome,

@@ -11,7 +11,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 from weakref import WeakValueDictionary
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -189,13 +189,6 @@ class Robot(Value):
     def describes_heat(self) -> bool:
         """True if its file says how segments warm and cool."""
         return self.segment is not None or bool(self.segments)
-
-    def weakened(self, cause: Literal["loss", "power"], share: float) -> Robot:
-        """The robot whose segments give off, or whose heaters give, only a share of the heat."""
-        return self.with_values(
-            segment=self.segment and self.segment.weakened(cause, share),
-            segments=tuple(segment.weakened(cause, share) for segment in self.segments),
-        )
 
     def __hash__(self) -> int:
         return hash((self.name, self.geometry.segment_length_m, self.path.model))

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
@@ -106,10 +105,6 @@ class Segment(Tagged):
     def thermal_model(self, length_m: float, heater: Heater, ambient_C: float) -> SegmentModel:
         """Thermal model of a segment of this length."""
 
-    @abstractmethod
-    def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
-        """The segment whose metal gives off, or whose heater gives, only a share of the heat."""
-
     @property
     def sensor_gain_and_lags_s(self) -> tuple[float, tuple[float, float]]:
         """Reading above the air per degree of the metal, and the two time constants behind it."""
@@ -136,14 +131,6 @@ class Segment(Tagged):
                 allowed = "two positive numbers, low then high"
                 raise InputError(f"ranges.{name}", [low, high], allowed)
         return self
-
-    def _scaled(self, share: float, parameters: tuple[str, ...], values: Mapping[str, Any]) -> Self:
-        """The segment with other values, and the ranges of these parameters scaled."""
-        ranges = {
-            name: (share * low, share * high) if name in parameters else (low, high)
-            for name, (low, high) in self.ranges.items()
-        }
-        return self.with_values(**values, ranges=ranges)
 
 
 class Coil(Value):
@@ -239,16 +226,6 @@ class LumpedSegment(Segment):
             ambient_C=ambient_C,
         )
 
-    def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
-        """Give off less heat at surface and ends; or heat by a coil of less resistance."""
-        if cause == "loss":
-            keys = ("convection_W_per_m2_K", "end_loss_W_per_K")
-            values = {key: share * getattr(self, key) for key in keys}
-            return self._scaled(share, ("loss_W_per_K",), values)
-        resistivity = share * self.coil.resistivity_ohm_m
-        coil = self.coil.with_values(resistivity_ohm_m=resistivity)
-        return self._scaled(share, ("resistance_ohm",), {"coil": coil})
-
     @property
     def fibre_diameter_m(self) -> float:
         """Outer diameter of the tube."""
@@ -316,11 +293,6 @@ class TwoNodeSegment(Segment):
         evident = self.liquid_above_C + 2 * self.sensor_lag_s * max(0.0, rate)
         halfway = (self.liquid_above_C + heater.soft_setpoint_C) / 2
         return max(self.liquid_above_C, min(evident, halfway))
-
-    def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
-        """Scale full power; or both flows of heat, or the body alone would do the cooling."""
-        keys = ("coupling_per_s", "body_loss_per_s") if cause == "loss" else ("power_K_per_s",)
-        return self._scaled(share, keys, {key: share * getattr(self, key) for key in keys})
 
     @property
     def thresholds_C(self) -> tuple[float, float]:

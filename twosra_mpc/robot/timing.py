@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.validation import Seconds, Tagged
 
-Kind = Literal["freeze", "melt"]
-
 
 class Timing(Tagged):
     """Set of transition times; its model is registered with ``timing.model_of``.
 
-    Times that come from the segments are checked by replaying the heater currents, and become
-    slower as the segments do.
+    Times that come from the segments are checked by replaying the heater currents.
 
     Attributes:
         needs_segment: Whether the times come from the thermal description of the segments.
@@ -26,10 +22,6 @@ class Timing(Tagged):
     tag_key = "overlap"
     needs_segment: ClassVar[bool] = False
     overlap: str
-
-    @abstractmethod
-    def slowed(self, kind: Kind, factor: float) -> Self:
-        """The same with freezes, or melts, that take so much longer."""
 
 
 class OverlappedTiming(Timing):
@@ -46,11 +38,6 @@ class OverlappedTiming(Timing):
     freeze_s: Seconds
     freeze_changing_s: Seconds
     superheat_s: Seconds
-
-    def slowed(self, kind: Kind, factor: float) -> Self:
-        """Multiply the whole transition and its plateau."""
-        keys = (f"{kind}_s", f"{kind}_changing_s")
-        return self.with_values(**{key: factor * getattr(self, key) for key in keys})
 
     @property
     def superheat_share(self) -> float:
@@ -76,17 +63,6 @@ class SequentialTiming(Timing):
     reconfigure_s: Seconds
     reconfigure_cool_s: Seconds
 
-    def slowed(self, kind: Kind, factor: float) -> Self:
-        """Multiply what happens in a wait."""
-        cool, heat = self.reconfigure_cool_s, self.reconfigure_s - self.reconfigure_cool_s
-        if kind == "melt":
-            heat *= factor
-            return self.with_values(heat_s=factor * self.heat_s, reconfigure_s=cool + heat)
-        cool *= factor
-        return self.with_values(
-            freeze_s=factor * self.freeze_s, reconfigure_cool_s=cool, reconfigure_s=cool + heat
-        )
-
     @model_validator(mode="after")
     def _cooling_within(self) -> SequentialTiming:
         if self.reconfigure_cool_s >= self.reconfigure_s:
@@ -101,11 +77,6 @@ class ThermalTiming(Timing):
     needs_segment = True
 
     overlap: Literal["thermal"]
-
-    def slowed(self, kind: Kind, factor: float) -> Self:
-        """Return the same: the segments become slower."""
-        del kind, factor
-        return self
 
 
 AnyTiming = Annotated[SerializeAsAny[Timing], BeforeValidator(Timing.of_kind)]
