@@ -53,7 +53,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
-OWN_TESTS = ("simulate-heater", "doctor", "reproduce", "batch", "atlas")  # examples run there
+OWN_TESTS = ("doctor", "reproduce", "batch", "atlas")  # examples run there
 
 
 @pytest.fixture
@@ -155,13 +155,6 @@ def test_simulations_are_json(run: Run) -> None:
     assert many["first_seed"] == 3
     assert [each["reached"] for each in many["runs"]] == [True, True]
     assert many["runs"][0]["time_s"] == one["metrics"]["time_s"]
-
-
-def test_a_simulated_heater_is_json(run: Run) -> None:
-    found = json.loads(run("simulate-heater", "--profile", "soft:90", "--json").out)
-    (stretch,) = found["stretches"]
-    assert stretch["setpoint"] == "soft"
-    assert found["events"][-1]["kind"] == "soft"
 
 
 def test_a_scored_log_is_json(run: Run, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ def completions(*words: str) -> tuple[list[str], bool]:
 
 
 def test_commands_are_completed() -> None:
-    assert completions("sim") == (["simulate", "simulate-heater"], False)
+    assert completions("sim") == (["simulate"], False)
     context = commands.make_context("twosra", ["robots"])
     assert completions("") == (commands.list_commands(context), False)
 
@@ -42,7 +42,6 @@ def test_every_scenario_of_several_is_completed() -> None:
         ("check-robot",),
         ("fit-paths",),
         ("plan", "paper-1", "--robot"),
-        ("simulate-heater", "--robot"),
         ("fit-thermal", "--robot"),
     ],
     ids=" ".join,

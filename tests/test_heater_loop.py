@@ -7,30 +7,19 @@ and 8 s. The controller knows none of it.
 
 from __future__ import annotations
 
-import csv
 import itertools
-import math
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from heater_loop import HeaterRun, LinearMap, Profile, simulate_heater, stretches
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
-from twosra_mpc.errors import InputError
-from twosra_mpc.lab.bench.heater_loop import (
-    HeaterRun,
-    LinearMap,
-    Profile,
-    save_run,
-    simulate_heater,
-    stretches,
-)
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.lumped import Lumped
@@ -391,65 +380,8 @@ def test_the_heat_of_a_run_is_stored_or_lost() -> None:
     assert run.heat_J[-1] == pytest.approx(lost + stored, rel=1e-3)
 
 
-def test_a_run_is_read_only() -> None:
-    run = V1.run([(0.0, "soft")], 1.0)
-    with pytest.raises(ValueError, match="read-only"):
-        run.current_A[0] = 5.0
-
-
 def test_the_papers_line_serves_as_a_sensor() -> None:
     line = temperature_sensor(load_robot("2sra-v1"), 25.0, 0, LinearMap())
     run = V1._replace(sensor=line).run(MELT_AND_FREEZE, 600.0)
     assert_reports_are_true(run)
     assert run.temperature_C.max() <= 73.0
-
-
-def test_a_stretch_that_ends_too_early_has_no_times() -> None:
-    melt, freeze = stretches(V1.run([(0.0, "soft"), (45.0, "rigid")], 75.0), SOFT_C)
-    assert all(math.isnan(t) for t in (melt.changed_s, melt.told_s, melt.settled_s))
-    assert all(math.isnan(t) for t in (freeze.changed_s, freeze.told_s, freeze.settled_s))
-    assert (melt.start_s, melt.end_s, freeze.end_s) == pytest.approx((0.0, 45.0, 75.0))
-
-
-@pytest.mark.parametrize(
-    ("profile", "field"),
-    [
-        ([], "profile.0"),
-        ([(1.0, "soft")], "profile.0"),
-        ([(0.0, "soft"), (0.0, "rigid")], "profile.1"),
-        ([(0.0, "soft"), (50.0, "rigid")], "profile.2"),
-        ([(0.0, "soft"), (math.nan, "rigid")], "profile.1"),
-    ],
-)
-def test_profiles_are_in_order(profile: Profile, field: str) -> None:
-    with pytest.raises(InputError) as caught:
-        V1.run(profile, 50.0)
-    assert caught.value.field == field
-
-
-@pytest.mark.parametrize("step_s", [0.0, 0.21, math.nan])
-def test_the_controller_needs_short_steps(step_s: float) -> None:
-    with pytest.raises(InputError, match="step_s"):
-        V1.run([(0.0, "soft")], 50.0, step_s=step_s)
-
-
-def test_a_run_has_a_million_steps_at_most() -> None:
-    with pytest.raises(InputError, match=r"duration_s = 1e\+308 .* at most 100000 s"):
-        V1.run([(0.0, "soft")], 1e308)
-
-
-@pytest.mark.parametrize("start_C", [-50.0, 130.0, math.nan])
-def test_a_start_must_be_within_the_sensors_range(start_C: float) -> None:
-    with pytest.raises(InputError, match="start_temperature_C"):
-        V1.run([(0.0, "soft")], 50.0, start_C=start_C)
-
-
-def test_a_saved_run_has_a_row_a_sample(tmp_path: Path) -> None:
-    run = V1.run([(0.0, "soft"), (70.0, "rigid")], 100.0)
-    save_run(run, tmp_path / "run.csv")
-    rows = list(csv.DictReader((tmp_path / "run.csv").read_text().splitlines()))
-    assert [float(row["temperature_C"]) for row in rows] == run.temperature_C.tolist()
-    assert [float(row["time_s"]) for row in rows] == pytest.approx(run.time_s.tolist())
-    assert {row["setpoint"] for row in rows} == {"soft", "rigid"}
-    told = [(float(row["time_s"]), row["event"]) for row in rows if row["event"]]
-    assert told == [(pytest.approx(event.time_s), event.kind) for event in run.events]

@@ -44,7 +44,6 @@ QUICK: dict[str, tuple[str, int]] = {
     "jog": ("--robot 2sra-v1 --forward 0.01 --for 2 --cold --dry-run", 0),
     "simulate": ("rigid-move --seed 1", 0),
     "replay": ("exp1.csv --robot 2sra-v1", 0),
-    "simulate-heater": ("--profile soft:90", 0),
     "scenarios": ("", 0),
     "robots": ("", 0),
     "new": ("scenario mine", 0),

@@ -115,7 +115,6 @@ def test_what_a_killed_program_left_is_gone_with_the_next_write(tmp_path: Path) 
         ("animate", "plan.json", "film.gif", "--seconds", "nan"),
         ("import-map", "map.yaml", "--tolerance", "nan"),
         ("simulate", "paper-1", "--seed", "-1"),
-        ("simulate-heater", "--seed", "-1"),
     ],
 )
 def test_numbers_that_are_none_are_bad_input(

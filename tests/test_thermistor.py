@@ -7,6 +7,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+from heater_loop import LinearMap
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -19,7 +20,6 @@ from twosra_mpc.control.thermistor import (
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.bench.heater_loop import LinearMap
 from twosra_mpc.robot.description import load_robot
 
 FALLING = NtcDivider()

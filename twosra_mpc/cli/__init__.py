@@ -80,7 +80,6 @@ _COMMANDS = {
             "lab.commands.replay_command",
             "Predict a log of motion, and say how far off it ends.",
         ),
-        "simulate-heater": ("lab.commands.heater_command", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
         "new": ("cli.descriptions", "Write a scenario or a robot file to start from."),

@@ -11,7 +11,6 @@ import numpy as np
 
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.control.thermistor import NtcDivider
-from twosra_mpc.lab.bench.heater_loop import LinearMap
 from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS, Simulation
@@ -28,6 +27,7 @@ from twosra_mpc.robot.modes import MODES, RIGID, is_rigid, soft_segments
 
 _ROBOT, _PAPER_ROBOT = "2sra-v1", "2sra-v1-paper"
 _LEAST_BEND_RAD = 0.2  # less is no bend to take a share of
+_PAPER_C, _PAPER_V = (0.0, 85.0), (1.1, 3.3)  # ends of the paper's straight line of its sensor
 
 
 def compute(_folder: Path, tell: Tell) -> Data:
@@ -134,15 +134,15 @@ def _off_by_start(simulation: Simulation) -> float:
 
 def _divider() -> Data:
     """Supply of a divider with the paper's voltages at both ends, and errors of a straight line."""
-    line, part_ = LinearMap(), NtcDivider(ntc_to_ground=False)
-    (cold, hot), (low, high) = line.range_C, line.range_V
+    part_, (cold, hot), (low, high) = NtcDivider(ntc_to_ground=False), _PAPER_C, _PAPER_V
     r_cold, r_hot = part_.resistance_ohm(cold), part_.resistance_ohm(hot)
     fixed_ohm = (low * r_cold - high * r_hot) / (high - low)
     supply_V = low * (r_cold + fixed_ohm) / fixed_ohm
     divider = NtcDivider(fixed_ohm=fixed_ohm, supply_V=supply_V, ntc_to_ground=False)
     degrees = np.linspace(cold, hot, 171).tolist()
-    errors = [line.temperature_C(divider.voltage_V(each)) - each for each in degrees]
-    return {"supply_V": supply_V, "straight_line_off_C": max(map(abs, errors))}
+    by_line_C = np.interp([divider.voltage_V(each) for each in degrees], (low, high), (cold, hot))
+    errors = by_line_C - degrees
+    return {"supply_V": supply_V, "straight_line_off_C": float(np.abs(errors).max())}
 
 
 def section(data: Data) -> Section:
