@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from problems import ROBOT, random_problem
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
+from twosra_mpc.lab.bench.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.ends import check_shapes, may_drive

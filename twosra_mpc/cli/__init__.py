@@ -85,7 +85,7 @@ _COMMANDS = {
         "new": ("cli.descriptions", "Write a scenario or a robot file to start from."),
         "scenarios": ("cli.descriptions", "List the built-in scenarios."),
         "robots": ("cli.descriptions", "List the built-in robots."),
-        "check-robot": ("cli.descriptions", "Check a robot file and its wheels."),
+        "check-robot": ("lab.commands.check_robot_command", "Check a robot file and its wheels."),
         "fit-paths": (
             "lab.commands.fit_paths_command",
             "Fit spirals and cardioids to a fibre's lengths.",

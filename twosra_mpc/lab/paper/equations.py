@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.control.thermistor import NtcDivider
+from twosra_mpc.lab.bench.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS, Simulation
