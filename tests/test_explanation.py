@@ -16,7 +16,7 @@ import twosra_mpc.analysis.alternatives as alternatives_module
 import twosra_mpc.cli.explain_command as command
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
-from twosra_mpc.analysis.alternatives import Alternative
+from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.effort import Ending
@@ -285,6 +285,26 @@ def test_resting_is_explained_by_itself() -> None:
 def test_the_greedy_rule_is_not_explained() -> None:
     with pytest.raises(InputError, match="weighs no alternatives"):
         explain(load_problem("paper-1", planner="greedy"))
+
+
+# --- among obstacles -----------------------------------------------------------------------------
+
+
+def test_among_obstacles_more_clearance_is_planned_anew() -> None:
+    """A straight robot drives between two pillars, or round them."""
+    ends = {"x_m": 0.3, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    pillars = [{"disc": {"x_m": 0.0, "y_m": y_m, "radius_m": 0.04}} for y_m in (-0.12, 0.12)]
+    given = {"start": ends | {"x_m": -0.3}, "goal": ends, "obstacles": pillars}
+    told = explain(load_problem("rigid-move", **given, modes=[RIGID, SOFT_1], work_limit=10000.0))
+    other = alternative(told, "with 5 mm more clearance")
+    assert other.plan is not None
+    asked = told.result.problem.clearance_m + FARTHER_M
+    assert other.plan.problem.clearance_m == pytest.approx(asked)
+
+
+def test_what_is_proved_of_reshaping_is_among_the_reasons() -> None:
+    told = explain(solved("corridor"))
+    assert any(why.startswith("one reshaping is not enough") for why in told.why)
 
 
 # --- Ctrl-C --------------------------------------------------------------------------------------

@@ -2,17 +2,14 @@
 
 All are compared at full speed: gentle plans all cost as much as the gap allows. Of a goal: the next
 best mode sequence, the plan without a mode, with one heater. Among obstacles, where each takes
-longer to plan: the next best mode sequence, the next best way round (the narrowest gap that b0 goes
-through closed), and the plan that keeps 5 mm more clearance. Of tasks: other orders.
+longer to plan: the next best mode sequence, and the plan that keeps 5 mm more clearance. Of tasks:
+other orders.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-
-import numpy as np
 
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
@@ -30,10 +27,8 @@ MOST_ORDERS = 5  # other orders of tasks that are planned
 _ROUNDS = 8  # how often a sequence that only adds unused phases is set aside
 _BETTER = "cheaper than the plan that was to be explained: found among the alternatives"
 _SAME_S = 1e-5  # events closer than this are one
-_LOOKS = 200  # at a phase
 
 Tell = Callable[[str], None]
-Change = tuple[str, Callable[[], tuple[Problem, str]]]  # in words, and how to make it
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +109,11 @@ def alternatives(
     original = _at_full_speed(made, problem, tell)
     tell("the next best mode sequence")
     yield next_best(original)
-    among = original.problem.obstacles
-    for change, changed in _changes_among_obstacles(original) if among else _changes(original):
+    for change, values in _changes(original):
         tell(change)
         try:
-            problem, details = changed()
-            yield Alternative(change, details, original, plan_until_interrupted(problem))
+            changed = original.problem.with_values(**values)
+            yield Alternative(change, "", original, plan_until_interrupted(changed))
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)
 
@@ -185,40 +179,18 @@ def _at_full_speed(made: Plan, problem: Problem, tell: Tell) -> Plan:
     return quickest.plan or made
 
 
-def _changes(original: Plan) -> Iterator[Change]:
-    """Yield what is to be changed, in words, and how to change it."""
+def _changes(original: Plan) -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield changes of the problem, in words and as values; among obstacles planning takes long."""
     problem = original.problem
+    if problem.obstacles:
+        change = f"with {1e3 * FARTHER_M:zg} mm more clearance"
+        yield change, {"clearance_m": problem.clearance_m + FARTHER_M}
+        return
     for mode in dict.fromkeys(moving_modes(original)):
         modes = tuple(other for other in problem.modes if other != mode)
-        yield f"without mode {mode_name(mode)}", partial(_with, problem, modes=modes)
+        yield f"without mode {mode_name(mode)}", {"modes": modes}
     if problem.heaters_at_once > 1 and original.transitions:
-        yield "with one heater at a time", partial(_with, problem, heaters_at_once=1)
-
-
-def _changes_among_obstacles(
-    original: Plan,
-) -> Iterator[Change]:
-    """As `_changes`: another way round, and farther from all obstacles."""
-    from twosra_mpc.checking.clearance import check_obstacles
-    from twosra_mpc.space.gaps import gaps_through
-
-    problem, moving = original.problem, [phase[1:] for phase in original.phases]
-    times = np.concatenate([np.linspace(*ends, _LOOKS) for ends in moving])
-    for gap in gaps_through(problem.world, original.trajectory.at(times).q[:, :2]):
-        closed = problem.with_values(obstacles=(*problem.obstacles, gap.closed))
-        try:
-            check_obstacles(closed)
-        except InputError:  # start or goal are in this gap
-            continue
-        yield f"the next best way round: {gap} closed", partial(_with, closed)
-        break
-    farther = problem.clearance_m + FARTHER_M
-    change = f"with {1e3 * FARTHER_M:zg} mm more clearance"
-    yield change, partial(_with, problem, clearance_m=farther)
-
-
-def _with(problem: Problem, **changes: object) -> tuple[Problem, str]:
-    return problem.with_values(**changes), ""
+        yield "with one heater at a time", {"heaters_at_once": 1}
 
 
 def next_best(original: Plan) -> Alternative:

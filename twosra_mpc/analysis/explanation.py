@@ -2,14 +2,13 @@
 
 Everything said of another plan comes from planning it (`analysis.alternatives`); what the duration
 is made of, and what each task takes, is read off the plan itself. Among obstacles that comes with
-why the plan reshapes, and where.
+what is proved of its reshaping.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from twosra_mpc.analysis.alternatives import (
     MOST_ORDERS,
@@ -33,6 +32,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.relaxation import bending_task
+from twosra_mpc.planning.stages.necessity import Necessity
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import stretches
@@ -40,9 +40,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model
 from twosra_mpc.validation import Count
-
-if TYPE_CHECKING:
-    from twosra_mpc.analysis.reshaping import Reshaping
 
 _ROUNDS = 8  # how often a cheaper alternative becomes the plan that is explained
 _SAME_S = 1e-5  # events closer than this are one
@@ -102,7 +99,6 @@ class Explanation:
         alternatives: Other plans, as far as they are known.
         orders_left: How many more orders of tasks there are.
         complete: Whether all alternatives were planned; False after Ctrl-C.
-        reshaping: Why it reshapes, and where; None where there are no obstacles.
     """
 
     result: Result
@@ -113,12 +109,9 @@ class Explanation:
     alternatives: tuple[Alternative, ...]
     orders_left: int
     complete: bool
-    reshaping: Reshaping | None = None
 
     def __str__(self) -> str:
         lines = [self.result.message, *(f"  {reason}" for reason in self.why)]
-        if self.reshaping is not None:
-            lines += [f"  {words}" for words in (*self.reshaping.why, *self.reshaping.places)]
         for each in self.tasks:
             cost = f"{each.duration_s:z8.2f} s {each.energy_J:z6.0f} J"
             lines.append(f"  {cost} {each.words}: {each.shares}")
@@ -184,10 +177,6 @@ def explain(
         if better is None:
             break
         result = better
-    reasons = None
-    if complete and problem.obstacles and not problem.tasks:
-        tell("without one obstacle after the other")
-        reasons, complete = _reshaping(result)
     made = result.plan
     return Explanation(
         result=result,
@@ -198,18 +187,7 @@ def explain(
         alternatives=tuple(others),
         orders_left=left,
         complete=complete,
-        reshaping=reasons,
     )
-
-
-def _reshaping(result: Result) -> tuple[Reshaping | None, bool]:
-    """Reasons and places of reshaping; and False where Ctrl-C ended that."""
-    from twosra_mpc.analysis.reshaping import reshaping  # only among obstacles anyone waits for it
-
-    try:
-        return reshaping(result), True
-    except KeyboardInterrupt:
-        return None, False
 
 
 def _collect(alternatives: Iterator[Alternative], known: list[Alternative]) -> bool:
@@ -233,6 +211,10 @@ def _why(made: Plan) -> Iterator[str]:
             yield f"{mode_name(mode)} cannot be left out of this sequence: {reason}"
     if not made.transitions:
         yield "no segment has to bend, so nothing is melted"
+    elif made.problem.obstacles and not made.problem.tasks:
+        necessity, rigid = Necessity(made.problem), made.robot.rigid
+        necessity.proves_impossible((rigid, tuple(1 for _ in rigid), rigid))  # one reshaping
+        yield necessity.words
     for item in critical_path(made):
         if item.kind in ("melt", "freeze") and len(item.segments) > 1:
             times = ("twice", "three times", "four times")[len(item.segments) - 2]

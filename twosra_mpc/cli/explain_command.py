@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,9 +13,6 @@ from twosra_mpc.cli.options import SCENARIO, Load, command, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.plans.plan import Status
 
-if TYPE_CHECKING:
-    from twosra_mpc.analysis.reshaping import Reshaping
-
 
 @command("explain")
 @click.argument("scenario", **SCENARIO)
@@ -25,9 +21,9 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
     Every other plan is found by planning again: the next best mode sequence, each mode forbidden,
-    one heater. Among obstacles: the next best mode sequence, the next best way round,
-    5 mm more clearance; and why it reshapes, and where. Of a mission: what tasks share, what each
-    costs, what they would cost in other orders. --time-limit is for each of the plans. Ctrl-C
+    one heater. Among obstacles: the next best mode sequence, 5 mm more clearance; and what is
+    proved of its reshaping. Of a mission: what tasks share, what each costs, what they would cost
+    in other orders. --time-limit is for each of the plans. Ctrl-C
     prints what is known so far.
 
     \b
@@ -51,7 +47,7 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
 
 def _explanation(found: Explanation) -> dict[str, Any]:
     """The explanation as plain data."""
-    others, reshaping = found.alternatives, found.reshaping
+    others = found.alternatives
     return {
         "plan": found.result.to_dict(),
         "why": found.why,
@@ -67,7 +63,6 @@ def _explanation(found: Explanation) -> dict[str, Any]:
         "compared_s": others[0].original.cost.total if others else None,
         "alternatives": list(map(_alternative, others)),
         "orders_left": found.orders_left,
-        "reshaping": None if reshaping is None else _reshaping(reshaping),
         "complete": found.complete,
     }
 
@@ -84,14 +79,6 @@ def _alternative(other: Alternative) -> dict[str, Any]:
     }
 
 
-def _reshaping(found: Reshaping) -> dict[str, Any]:
-    return {
-        "why": found.why,
-        "blocked": [{"words": each.words, "obstacles": each.obstacles} for each in found.blocked],
-        "places": [place._asdict() | {"words": str(place)} for place in found.places],
-    }
-
-
 def _activity(item: Activity) -> dict[str, Any]:
     keys = ("kind", "segments", "start_s", "end_s", "duration_s")
     return {key: getattr(item, key) for key in keys} | {"words": str(item)}
@@ -100,10 +87,7 @@ def _activity(item: Activity) -> dict[str, Any]:
 def _print_explanation(found: Explanation) -> None:
     made, path = found.result, found.critical_path
     rows = [("status", made.status.words), ("outcome", made.message)]
-    rows += _named_once("why", found.why)
-    if found.reshaping is not None:
-        rows += _named_once("reshaping" if made.found else "blocked", found.reshaping.why)
-        rows += _named_once("where", found.reshaping.places)
+    rows += [("" if i else "why", reason) for i, reason in enumerate(found.why)]
     print_table((made.problem.robot.name, f"planner {made.planner}"), rows)
     if found.tasks:
         tasks = [
@@ -123,8 +107,3 @@ def _print_explanation(found: Explanation) -> None:
     if options:
         compared = "instead, at full speed" if made.problem.drives_gently else "instead"
         print_table((compared, "costs more", "outcome"), options)
-
-
-def _named_once(name: str, items: Sequence[object]) -> list[tuple[str, str]]:
-    """Rows of a table of which only the first has a name."""
-    return [("" if i else name, str(item)) for i, item in enumerate(items)]
