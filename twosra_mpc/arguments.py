@@ -9,10 +9,11 @@ import inspect
 import math
 import operator
 import sys
+import tomllib
 import types
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from numbers import Integral, Real
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import (
     Annotated,
     Any,
@@ -30,39 +31,8 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_word
 
-MADE_BY = {  # kind of value -> what makes one, where it is not the call of its class
-    "Axes": "figure, axes = matplotlib.pyplot.subplots()",
-    "Body": 'load_robot("2sra-v1").body',
-    "Clock": "SystemClock()",
-    "Coordinates": 'load_robot("2sra-v1").coordinates',
-    "Explanation": "explain(result)",
-    "Figure": "matplotlib.pyplot.figure()",
-    "Film": "animate_plan(plan)",
-    "Geometry": 'load_robot("2sra-v1").geometry',
-    "HeatingLog": "read_heating_log(path)",
-    "Kinematics": 'kinematics(load_robot("2sra-v1"))',
-    "Metrics": "simulate(problem).metrics",
-    "Origin": "Origin.of(name, content)",
-    "Plan": "plan(problem).require(), or load_plan(path).require()",
-    "PlanCheck": "check_plan(path)",
-    "Port": 'open_serial_port("/dev/ttyUSB0")',
-    "PoseSource": "an object with camera and frames(now_s)",
-    "Problem": 'load_problem("paper-1"), or Problem(...)',
-    "Progress": "plan(problem, on_progress=print)",
-    "Reading": "robot.read()",
-    "Result": "plan(problem), or load_plan(path)",
-    "Robot": 'load_robot("2sra-v1")',
-    "RobotInterface": "SimulatedRobot(problem), or an object with robot, camera, read, send, wait",
-    "RobotShape": "robot_shape(geometry, q)",
-    "Run": "Executor(robot).run(plan)",
-    "Samples": "plan(problem).require().samples",
-    "SerialRobot": "connected(problem, port, clock)",
-    "Simulation": "simulate(problem)",
-    "ThermalFit": "identify(log, robot)",
-    "TimeStretch": "plan_stretch(plan)",
-    "Trajectory": "plan(problem).require().trajectory",
-    "Truth": "simulate(problem).truth",
-}
+# Kind of value -> what makes one, where it is not the call of its class.
+MADE_BY = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is given) -> its own
     ("Plan", "Result"): lambda result: result.require(),
     ("Geometry", "Robot"): lambda robot: robot.geometry,

@@ -28,8 +28,8 @@ OTHER_UNITS: dict[str, tuple[str, float, float]] = {  # ending -> (ours, factor,
 
 
 @functools.cache
-def _words() -> dict[str, str]:
-    """Glossary: key -> what it is, where the key alone does not say it."""
+def _glossary() -> dict[str, dict[str, str]]:
+    """Words: key -> what it is, where the key does not say it; aliases: key -> other names."""
     return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
@@ -47,35 +47,12 @@ def stem_of(key: str) -> str:
 
 def describe(key: str) -> str:
     """Say what a key is, with its unit in brackets where it has one."""
-    words, unit = _words().get(key), unit_of(key)
+    words, unit = _glossary()["words"].get(key), unit_of(key)
     if not unit:
         return words or key.replace("_", " ")
     return f"{words or stem_of(key).replace('_', ' ')} [{unit}]"
 
 
-_ALIASES = {  # what others call a key, without its unit
-    **dict.fromkeys(("theta", "heading", "yaw", "angle", "orientation", "psi"), "phi_rad"),
-    **dict.fromkeys(
-        ("curvature", "curvatures", "k", "k1", "k2", "kappa1", "kappa2"), "kappa_per_m"
-    ),
-    **dict.fromkeys(("initial", "init", "from", "begin", "origin"), "start"),
-    **dict.fromkeys(("target", "end", "final", "to", "stop"), "goal"),
-    **dict.fromkeys(("waypoints", "waypoint", "via", "mission"), "tasks"),
-    **dict.fromkeys(("temp", "T", "temperatures"), "temperature_C"),
-    **dict.fromkeys(("margin", "safety", "distance"), "clearance_m"),
-    **dict.fromkeys(("tol", "accuracy", "epsilon"), "tolerance"),
-    **dict.fromkeys(("timeout", "max_time"), "time_limit_s"),
-    **dict.fromkeys(("limit", "effort", "budget"), "work_limit"),
-    **dict.fromkeys(("type", "kind", "task"), "do"),
-    **dict.fromkeys(("walls", "polygons"), "obstacles"),
-    **dict.fromkeys(("bounds", "box", "arena"), "workspace"),
-    **dict.fromkeys(("method", "algorithm", "solver"), "planner"),
-    **dict.fromkeys(("stiffness",), "mode"),
-    **dict.fromkeys(("polygon", "corners", "points", "vertices"), "polygon_m"),
-    **dict.fromkeys(("circle",), "disc"),
-    **dict.fromkeys(("r", "diameter", "d"), "radius_m"),
-    **dict.fromkeys(("rectangle", "rect"), "box"),
-}
 _SHARE = "_percent"
 _FREE = ("free", "any", "none", "null", "nan", "*", "-", "")
 _NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:e[-+]?\d+)?)\s*([A-Za-z°/%1]*)\s*", re.IGNORECASE)
@@ -95,7 +72,8 @@ def near_key(key: str, value: object, known: list[str]) -> str:
     """Ask for the key that was probably meant, with the value in its unit; empty if unknown."""
     stem = stem_of(key)
     same = [each for each in known if stem_of(each).lower() == stem.lower()]
-    same += [each for each in known if each == _ALIASES.get(stem)]
+    aliases = _glossary()["aliases"]
+    same += [each for each in known if stem in aliases.get(each, "").split()]
     same += [each for each in known if sorted(each.split("_")) == sorted(key.split("_"))]
     if not same and stem in ("radius", "radii") and "kappa_per_m" in known:
         return "did you mean kappa_per_m, one over the radius?"

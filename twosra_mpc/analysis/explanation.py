@@ -110,25 +110,33 @@ class Explanation:
     orders_left: int
     complete: bool
 
+    @property
+    def tables(self) -> Iterator[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
+        """Its parts as tables: header, and rows in words."""
+        if self.tasks:
+            rows = [
+                (each.words, f"{each.duration_s:z8.2f} s", f"{each.energy_J:z.0f} J", each.shares)
+                for each in self.tasks
+            ]
+            yield ("task", "takes", "heat", "melts"), [*rows]
+        if path := self.critical_path:
+            sums = [(f"{lasts:z8.2f} s", words) for lasts, words in in_words(path)]
+            yield (f"{path[-1].end_s:z8.2f} s", "is the sum of"), [*sums]
+        if self.hidden:
+            free = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in self.hidden]
+            yield ("at no cost", "meanwhile"), [*free]
+        options = [(other.change, other.price, other.outcome) for other in self.alternatives]
+        if self.orders_left:
+            options.append(("in other orders", "", f"{self.orders_left} were not planned"))
+        if options:
+            own = self.alternatives[0].original if self.alternatives else self.result.require()
+            speed = "" if own is self.result.plan else " at full speed"
+            yield (f"instead of {own.cost.total:z.2f} s{speed}", "more", "outcome"), [*options]
+
     def __str__(self) -> str:
         lines = [self.result.message, *(f"  {reason}" for reason in self.why)]
-        for each in self.tasks:
-            cost = f"{each.duration_s:z8.2f} s {each.energy_J:z6.0f} J"
-            lines.append(f"  {cost} {each.words}: {each.shares}")
-        if self.critical_path:
-            lines.append(f"The {self.critical_path[-1].end_s:z.1f} s are")
-            told = in_words(self.critical_path)
-            lines += [f"  {duration:z8.2f} s {words}" for duration, words in told]
-        if self.hidden:
-            lines.append("At the same time, at no cost")
-            lines += [f"  {one.activity.duration_s:z8.2f} s {one}" for one in self.hidden]
-        if self.alternatives:
-            quick = self.alternatives[0].original
-            compared = f", compared at full speed ({quick.cost.total:z.2f} s for this plan)"
-            lines.append(f"Instead{'' if quick is self.result.plan else compared}")
-            lines += [f"  {other}" for other in self.alternatives]
-        if self.orders_left:
-            lines.append(f"  other orders that were not planned: {self.orders_left}")
+        for header, rows in self.tables:
+            lines += [" ".join(header), *("  " + " ".join(filter(None, row)) for row in rows)]
         if not self.complete:
             lines.append("Interrupted: not all alternatives were planned.")
         return "\n".join(lines)

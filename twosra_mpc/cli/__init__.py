@@ -10,6 +10,7 @@ import os
 import re
 import signal
 import sys
+import tomllib
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -35,76 +36,13 @@ from twosra_mpc.errors import (
     TwosraError,
     printable,
 )
+from twosra_mpc.files import data_file
 from twosra_mpc.installation import __version__
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
 from twosra_mpc.keys import near_number, near_word
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
-_COMMANDS = {
-    "Plan": {
-        "plan": ("cli.planning", "Plan a scenario, with a proved gap."),
-        "explain": ("cli.explain_command", "Say why a plan is what it is, and what others cost."),
-        "check-passage": (
-            "lab.commands.passage_command",
-            "Say in which shapes the robot can drive to the goal.",
-        ),
-        "compare": (
-            "lab.commands.compare_command",
-            "Plan scenarios by both planners, side by side.",
-        ),
-    },
-    "Thousands of plans": {
-        "batch": (
-            "lab.commands.batch_command",
-            "Plan thousands of problems, on all cores or a cluster.",
-        ),
-        "atlas": ("lab.commands.atlas_command", "Say what the plans of a batch have in common."),
-    },
-    "Use a plan": {
-        "verify": ("cli.plan_files", "Check plan files independently of what they say."),
-        "resample": ("cli.plan_files", "Write set-points at a regular rate, or a denser plan."),
-        "export": ("cli.plan_files", "Write a plan in the format of another program."),
-        "report": ("cli.plan_files", "Write a plan as an HTML page."),
-        "animate": ("cli.plan_files", "Animate a plan."),
-        "figures": ("lab.commands.figures_command", "Draw the paper's figures from our own runs."),
-        "reproduce": (
-            "lab.commands.reproduce_command",
-            "Compare the paper with what comes of it here.",
-        ),
-        "stream": ("cli.stream_command", "Send a plan to a robot over a serial line."),
-        "jog": ("lab.commands.jog_command", "Drive a robot by hand, over a serial line."),
-    },
-    "Simulate": {
-        "simulate": ("cli.simulate_command", "Plan and run in closed loop on a simulated robot."),
-        "replay": (
-            "lab.commands.replay_command",
-            "Predict a log of motion, and say how far off it ends.",
-        ),
-    },
-    "Describe robots and problems": {
-        "new": ("cli.descriptions", "Write a scenario or a robot file to start from."),
-        "scenarios": ("cli.descriptions", "List the built-in scenarios."),
-        "robots": ("cli.descriptions", "List the built-in robots."),
-        "check-robot": ("lab.commands.check_robot_command", "Check a robot file and its wheels."),
-        "fit-paths": (
-            "lab.commands.fit_paths_command",
-            "Fit spirals and cardioids to a fibre's lengths.",
-        ),
-        "fit-thermal": (
-            "lab.commands.thermal_fit_command",
-            "Identify a segment from a heating log.",
-        ),
-        "estimate-curvature": (
-            "lab.commands.curvature_command",
-            "Measure how segments bend in thermal photographs.",
-        ),
-        "import-map": ("lab.commands.map_command", "Turn a map of ROS into obstacles."),
-        "schema": ("cli.schema_command", "Print JSON Schemas of the files, for editors."),
-    },
-    "This installation": {
-        "doctor": ("cli.doctor", "Check versions, solvers and extras; plan and verify."),
-    },
-}
+_COMMANDS: dict[str, dict[str, list[str]]] = tomllib.loads(data_file("cli/commands.toml"))
 _MODULES = {name: module for section in _COMMANDS.values() for name, (module, _) in section.items()}
 _WORDS = {name: words for section in _COMMANDS.values() for name, (_, words) in section.items()}
 

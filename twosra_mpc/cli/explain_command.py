@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from twosra_mpc.analysis.alternatives import Alternative
-from twosra_mpc.analysis.critical_path import Activity, in_words
+from twosra_mpc.analysis.critical_path import Activity
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import SCENARIO, Load, command, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
@@ -85,25 +85,9 @@ def _activity(item: Activity) -> dict[str, Any]:
 
 
 def _print_explanation(found: Explanation) -> None:
-    made, path = found.result, found.critical_path
+    made = found.result
     rows = [("status", made.status.words), ("outcome", made.message)]
     rows += [("" if i else "why", reason) for i, reason in enumerate(found.why)]
     print_table((made.problem.robot.name, f"planner {made.planner}"), rows)
-    if found.tasks:
-        tasks = [
-            (each.words, f"{each.duration_s:z8.2f} s", f"{each.energy_J:z.0f} J", each.shares)
-            for each in found.tasks
-        ]
-        print_table(("task", "takes", "heat", "melts"), tasks)
-    if path:
-        rows = [(f"{lasts:z8.2f} s", words) for lasts, words in in_words(path)]
-        print_table((f"{path[-1].end_s:z8.2f} s", "is the sum of"), rows)
-    if found.hidden:
-        rows = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in found.hidden]
-        print_table(("at no cost", "meanwhile"), rows)
-    options = [(other.change, other.price, other.outcome) for other in found.alternatives]
-    if found.orders_left:
-        options.append(("in other orders", "", f"{found.orders_left} were not planned"))
-    if options:
-        compared = "instead, at full speed" if made.problem.drives_gently else "instead"
-        print_table((compared, "costs more", "outcome"), options)
+    for table in found.tables:
+        print_table(*table)
