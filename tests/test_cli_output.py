@@ -281,7 +281,6 @@ PROGRESS: list[tuple[list[str], str]] = [
     (["report", "plan.json", "out.html", "--json"], "drawing the report"),
     (["animate", "plan.json", "out.gif", "--json"], "animating: frame 2 of 2"),
     (["figures", "folder", "--json"], "drawing blank"),
-    (["check-passage", "doorway", "--step", "60", "--json"], "deciding: shape 11 of 11"),
 ]
 
 

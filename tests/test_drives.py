@@ -10,7 +10,7 @@ import pytest
 import shapely
 from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 
-from twosra_mpc.lab.worlds.passages import decide
+from benchmarks.studies.passages import decide
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.limits import rigid_rows

@@ -29,7 +29,6 @@ TWOSRA = [sys.executable, "-m", "twosra_mpc"]
 QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
-    "check-passage": ("doorway --step 80", 0),
     "compare": ("shape-change", 0),
     "batch": ("problems.toml --out runs --workers 1", 0),
     "atlas": ("no-runs", 2),

@@ -16,11 +16,11 @@ from problems import at, goal_tree, only_goal
 from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
+from benchmarks.studies.passages import decide_between
 from twosra_mpc import InputError, Problem, Result, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
-from twosra_mpc.lab.worlds.passages import decide_between
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.solver import placer
 from twosra_mpc.planning.solver.block import Sweep, block

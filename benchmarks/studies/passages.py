@@ -5,15 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from benchmarks.study import Numbers, Study
 from twosra_mpc import Problem, load_problem
-from twosra_mpc.lab.worlds.passages import decide
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.drives import Drives
+
+if TYPE_CHECKING:  # it imports shapely
+    from twosra_mpc.space.possible import Box
 
 _START, _GOAL = np.array([-0.36, -0.04, 1.0]), np.array([0.36, 0.04, -1.0])
 _STRAIGHT = np.zeros(2)
@@ -75,3 +78,42 @@ def corridor(width_m: float) -> Problem:
     walls = [(width_m / 2, 0.3), (-0.3, -width_m / 2)]
     boxes = [{"box": {"x_m": (-0.175, 0.175), "y_m": wall}} for wall in walls]
     return load_problem("corridor", obstacles=boxes)
+
+
+def decide(drives: Drives, start: Array, goal: Array) -> tuple[str, int]:
+    """Str on a drive from a pose (3,) to another one, and how many headings decided; 0: none.
+
+    A pose that no slice holds may be joined to one by a straight leg.
+    """
+    if drives.clear_legs(start, goal, drives.lent_m(start)).all():
+        return "certified", 0
+    for fineness in drives.headings:
+        if drives.ends(fineness, start, goal) is not None:
+            return "certified", fineness
+        if drives.blocked(fineness, start, goal):
+            return "blocked", fineness
+    return "undecided", drives.headings[-1]
+
+
+def decide_between(drives: Drives, start: Box, goal: Box) -> str:
+    """Str on drives from one box of poses to another; infinite ends are free."""
+    from twosra_mpc.space.possible import apart  # shapely
+
+    kept_m = _kept_by_the_first_leg(drives, *start)
+    for fineness in drives.headings:
+        sure = drives.certified_slices(fineness)
+        if not apart(sure, start, goal):
+            return "certified"
+        if apart(drives.possible_slices(fineness, kept_m), start, goal):
+            return "blocked"
+    return "undecided"
+
+
+def _kept_by_the_first_leg(drives: Drives, low: Array, high: Array) -> float:
+    """Clearance that drives which start in a box of headings must keep."""
+    if low[2] == high[2]:
+        return drives.separation.kept_from_m(low[None])
+    turned = np.linspace(0.0, 2 * np.pi, drives.headings[-1])
+    poses = np.column_stack([np.tile(low[:2], (len(turned), 1)), turned])
+    between = drives.footprint.radius_m * float(turned[1])
+    return drives.separation.kept_from_m(poses, between)
