@@ -45,7 +45,6 @@ from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
 from twosra_mpc.lab.commands import jog_command
 from twosra_mpc.lab.figures import paper_figures
-from twosra_mpc.lab.worlds import passages
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
@@ -72,8 +71,6 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that start at a scenario plan a quick one, and draw and film little."""
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
-    find = passages.find_passages
-    monkeypatch.setattr(passages, "find_passages", lambda of, _step, *more: find(of, 70.0, *more))
     monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
