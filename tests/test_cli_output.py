@@ -39,11 +39,11 @@ from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import options, output, planning, robot_line, simulate_command, stream_command
+from twosra_mpc.cli import options, output, planning, simulate_command
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
-from twosra_mpc.lab.commands import jog_command
+from twosra_mpc.lab.commands import jog_command, robot_line, stream_command
 from twosra_mpc.lab.figures import paper_figures
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover

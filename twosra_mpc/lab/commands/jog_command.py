@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 
 import click
 
-from twosra_mpc.cli import robot_line
 from twosra_mpc.cli.options import ROBOT, command
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, Tell
 from twosra_mpc.errors import InputError
@@ -26,6 +25,7 @@ from twosra_mpc.lab.bench.jog import (
     jog,
     wheels_of_twist,
 )
+from twosra_mpc.lab.commands import robot_line
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, load_robot
 

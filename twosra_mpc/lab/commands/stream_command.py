@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli import robot_line
 from twosra_mpc.cli.options import command, ending, file_option, plan_to_drive
 from twosra_mpc.cli.output import (
     EXIT_NO_PLAN,
@@ -28,6 +27,7 @@ from twosra_mpc.execution.serial.stream import (
     preview,
     stream,
 )
+from twosra_mpc.lab.commands import robot_line
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
