@@ -79,9 +79,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
     soft = samples.mode[:-1, segment] == 1
     wrong = samples.moves[:-1] & np.where(
-        soft,
-        lowest < model.liquid_level - missed,
-        highest > model.solid_level + missed,
+        soft, lowest < model.liquid_level - missed, highest > model.solid_level + missed
     )
     name = f"segment {segment + 1}"
     if wrong.any():

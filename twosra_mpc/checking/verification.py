@@ -21,10 +21,7 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.driven import Driven, margins
-from twosra_mpc.problem.limits import (
-    WHEEL_SPEED,
-    settled,
-)
+from twosra_mpc.problem.limits import WHEEL_SPEED, settled
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,

@@ -30,12 +30,7 @@ from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed
 from twosra_mpc.planning.solver.outcome import verified
-from twosra_mpc.planning.solver.sequence_solver import (
-    SequenceSolver,
-    Solved,
-    checked,
-    trusted,
-)
+from twosra_mpc.planning.solver.sequence_solver import SequenceSolver, Solved, checked, trusted
 from twosra_mpc.planning.stages.placements import Variant
 from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.plans.plan import Status

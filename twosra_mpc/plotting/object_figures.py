@@ -185,11 +185,7 @@ def draw_targets(ax: Axes, problem: Problem, aims: Sequence[tuple[int, Array]]) 
 
 
 def draw_contacts(
-    ax: Axes,
-    geometry: Geometry,
-    shape: RobotShape,
-    outlines: Sequence[Array],
-    linewidth: float,
+    ax: Axes, geometry: Geometry, shape: RobotShape, outlines: Sequence[Array], linewidth: float
 ) -> list[Artist]:
     """Draw what of the robot touches objects, as a band below it; every artist drawn."""
     artists: list[Artist] = []

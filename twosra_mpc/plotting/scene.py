@@ -23,13 +23,7 @@ from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.labels import settle
 from twosra_mpc.plotting.object_figures import draw_contacts, draw_objects, draw_targets, outlines_m
-from twosra_mpc.plotting.plane import (
-    DASHED,
-    draw_outline,
-    line,
-    number_units,
-    robot_artists,
-)
+from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
 from twosra_mpc.plotting.world_figures import draw_nearest, draw_world, shown_m

@@ -18,15 +18,7 @@ from twosra_mpc.problem.world import Obstacle, check_growing
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.validation import (
-    Metres,
-    MetresPair,
-    NonNegative,
-    Pair,
-    Radians,
-    Several,
-    Tagged,
-)
+from twosra_mpc.validation import Metres, MetresPair, NonNegative, Pair, Radians, Several, Tagged
 
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 

@@ -11,14 +11,7 @@ from pydantic import model_validator
 
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import (
-    Metres,
-    MetresPair,
-    NonNegative,
-    Positive,
-    Several,
-    Value,
-)
+from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Several, Value
 
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6

@@ -13,12 +13,7 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
-from twosra_mpc.timing.transitions import (
-    Transition,
-    TransitionModel,
-    model_of,
-    own_transitions,
-)
+from twosra_mpc.timing.transitions import Transition, TransitionModel, model_of, own_transitions
 
 
 @model_of.register(SequentialTiming)

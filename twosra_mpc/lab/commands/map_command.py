@@ -6,14 +6,7 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import (
-    FILE,
-    Finite,
-    choice_option,
-    command,
-    ending,
-    file_option,
-)
+from twosra_mpc.cli.options import FILE, Finite, choice_option, command, ending, file_option
 from twosra_mpc.cli.output import Output
 from twosra_mpc.files import write_json
 

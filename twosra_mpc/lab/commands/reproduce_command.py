@@ -23,10 +23,7 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 
 @command("reproduce")
 @click.option(
-    *("--out", "-o", "folder"),
-    required=True,
-    type=_FOLDER,
-    help="Folder for the report.",
+    *("--out", "-o", "folder"), required=True, type=_FOLDER, help="Folder for the report."
 )
 @click.option("--data", type=FILE, help="Folder with hardware/, curvature/, or clones in it.")
 @click.option("--logs", type=FILE, help="Folder of logs of trials, instead of hardware/.")

@@ -42,10 +42,7 @@ _UNIT = {"_per_m": "1/m", "_rad": "rad", "_m": "m", "_s": "s", "_A": "A", "_C": 
 
 
 def plot_atlas(
-    runs: DataFrame,
-    x: str | None = None,
-    y: str | None = None,
-    path: str | Path | None = None,
+    runs: DataFrame, x: str | None = None, y: str | None = None, path: str | Path | None = None
 ) -> Figure:
     """Draw a batch: over the varied keys ``x`` and ``y``, or over ``x`` alone if nothing else is.
 

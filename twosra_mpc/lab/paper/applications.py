@@ -51,12 +51,7 @@ def section(data: Data) -> Section:
         for name, words in SCENARIOS.items()
     ]
     rows = [
-        (
-            name,
-            sequence_name(one["sequence"]),
-            f"{one['duration_s']:z.1f}",
-            percent(one["gap"]),
-        )
+        (name, sequence_name(one["sequence"]), f"{one['duration_s']:z.1f}", percent(one["gap"]))
         for name, one in planned.items()
     ]
     return declared(

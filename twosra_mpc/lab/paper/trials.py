@@ -14,12 +14,7 @@ from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
 from twosra_mpc.lab.paper.claims import Claim, equal
 from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
-from twosra_mpc.lab.reproduction.hardware import (
-    dtw_table,
-    read_trials,
-    trial_of,
-    waiting,
-)
+from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot

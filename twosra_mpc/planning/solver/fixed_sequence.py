@@ -15,12 +15,7 @@ from twosra_mpc.planning.solver.multiple_shooting import TIME_SCALE, Transcripti
 from twosra_mpc.planning.solver.terminal_correction import available_inputs, correct_end
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.ends import may_drive
-from twosra_mpc.problem.limits import (
-    BODY_GAP,
-    interval_durations,
-    shape_margins,
-    shapes_allowed,
-)
+from twosra_mpc.problem.limits import BODY_GAP, interval_durations, shape_margins, shapes_allowed
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
