@@ -29,7 +29,6 @@ from twosra_mpc.plotting import (
     draw_configuration,
     draw_melt_fractions,
     draw_robot,
-    draw_snapshot,
     draw_timeline,
     plot_plan,
 )
@@ -109,17 +108,6 @@ def test_the_figure_has_a_panel_a_phase_and_its_title(three: Plan) -> None:
     for number, phase in enumerate(three.phases, start=1):
         mode = f"[{','.join(map(str, phase.mode))}]"
         assert any(title.startswith(f"{number}: {mode}, ") for title in titles)
-
-
-def test_a_snapshot_names_every_state(three: Plan) -> None:
-    ax, time_s = axes_of(), three.duration_s
-    draw_snapshot(ax, three, three.phases[-1].start_s + 1e-3)
-    assert ax.get_title().endswith("all soft")
-    draw_snapshot(ax, three, time_s)
-    assert ax.get_title().endswith("all rigid")
-    first = next(phase for phase in three.phases if any(phase.mode))
-    draw_snapshot(ax, three, first.start_s + 1e-3)
-    assert ax.get_title().split(": ")[1].split(", ").count("soft") == sum(first.mode)
 
 
 def test_the_film_shows_where_everything_is(three: Plan) -> None:

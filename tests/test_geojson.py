@@ -14,7 +14,7 @@ from shapely.geometry import box
 from test_problem import SCENARIO, changed
 
 from twosra_mpc import InputError, InputWarning, load_problem, obstacles_of, read_obstacles
-from twosra_mpc.problem.geojson import feature_collection
+from twosra_mpc.lab.worlds.occupancy_map import feature_collection
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import Obstacle, World
 

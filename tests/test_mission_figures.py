@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forged_missions import CUP_IN_B0, fetched, reshaped, tidied
+from forged_missions import CUP_IN_B0, fetched, reshaped
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
@@ -27,7 +27,6 @@ from twosra_mpc.plotting import (
     figures,
     object_figures,
     plot_plan,
-    plot_snapshots,
     plot_sweep,
     timeline_figures,
 )
@@ -78,16 +77,6 @@ def test_a_disc_is_drawn_on_its_edge_and_a_box_by_its_corners() -> None:
     cube = Object(name="b", pose={"x_m": 0, "y_m": 0}, box=box)
     turned = object_figures.outline_m(cube, np.array([0.0, 0.0, np.pi / 2]))
     assert sorted(np.abs(turned).ravel()) == pytest.approx([0.01] * 4 + [0.02] * 4)
-
-
-def test_snapshots_show_objects_where_they_are_then() -> None:
-    made = tidied()
-    times_s = [0.0, *(stage.to_s for stage in stretches(made.trajectory))]
-    axes = plot_snapshots(made).axes
-    assert len(axes) == len(times_s)
-    for ax, time_s in zip(axes, times_s, strict=True):
-        for drawn, there in zip(drawn_objects(ax), outlines(made, time_s), strict=True):
-            assert drawn == pytest.approx(there)
 
 
 def test_in_a_film_what_is_held_moves_with_the_robot_and_else_rests() -> None:

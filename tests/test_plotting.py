@@ -37,14 +37,12 @@ from twosra_mpc.plotting import (
     draw_melt_fractions,
     draw_outline,
     draw_robot,
-    draw_snapshot,
     draw_temperatures,
     draw_timeline,
     draw_wheel_speeds,
     plan_title,
     plot_comparison,
     plot_plan,
-    plot_snapshots,
     robot_shape,
 )
 from twosra_mpc.plotting.figures import (
@@ -323,41 +321,6 @@ def test_time_axis_is_invertible_and_gives_short_phases_room() -> None:
     for phase in phases:
         assert np.ptp(stretch.forward(np.array(phase[1:]))) > 0.08
     assert {0.0, 63.0, 63.02, 100.0} <= set(stretch.ticks())
-
-
-# --- snapshots
-
-
-def test_a_snapshot_has_the_robot_as_it_is_then_over_its_target() -> None:
-    result, ax = planned("paper-1"), axes_of()
-    time_s = result.phases[1].start_s + 1.0  # segment 1 is soft, segment 2 melts
-    assert draw_snapshot(ax, result, time_s) is ax
-    assert ax.get_title() == f"{time_s:.2f} s: soft, melting"
-    q = result.trajectory.configuration(time_s)[0]
-    ghost, robot = ax.lines[:2], ax.lines[5:7]
-    for lines, at in ((ghost, result.samples.q[-1]), (robot, q)):
-        for line, arc in zip(lines, robot_shape(ROBOT.geometry, at).segments, strict=True):
-            np.testing.assert_allclose(line.get_xydata(), arc, rtol=0, atol=1e-9)
-    assert ghost[0].get_alpha() < 0.5 < robot[0].get_alpha()
-    assert same_color(robot[0].get_color(), SOFT_COLOUR)
-    assert same_color(robot[1].get_color(), CHANGING_COLOUR)
-
-
-def test_snapshots_tell_a_plan_from_start_to_end(tmp_path: Path) -> None:
-    figure = plot_snapshots(planned("paper-1"), tmp_path / "snapshots.png")
-    titles = [ax.get_title() for ax in figure.axes]
-    assert titles[0] == "0.00 s: both rigid"
-    assert titles[-1] == f"{planned('paper-1').duration_s:.2f} s: both rigid"
-    assert f"{planned('paper-1').phases[-1].start_s:.2f} s: both soft" in titles
-    assert np.ptp([ax.get_position().width for ax in figure.axes]) < 1e-6
-    assert (tmp_path / "snapshots.png").exists()
-    assert len(plot_snapshots(planned("paper-1"), times_s=(0.0, 80.0)).axes) == 2
-
-
-@pytest.mark.parametrize("time_s", [-1.0, 1e4])
-def test_a_moment_outside_the_plan_is_refused(time_s: float) -> None:
-    with pytest.raises(InputError, match=r"a time in the plan, 0 to 34\d\.\d+ s"):
-        draw_snapshot(axes_of(), planned("paper-1"), time_s)
 
 
 # --- comparison

@@ -20,7 +20,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plotting import figures, plot_plan, plot_snapshots, plot_sweep
+from twosra_mpc.plotting import figures, plot_plan, plot_sweep
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.plotting.world_figures import draw_world, names_m, shown_m
@@ -68,9 +68,8 @@ def drawn(ax: Any) -> tuple[list[Array], list[Array], list[str]]:
 
 def test_every_plane_of_a_plan_shows_its_surroundings() -> None:
     made = among()
-    snapshots = plot_snapshots(made).axes
     overview, *others = plot_plan(made).axes[: 1 + len(made.problem.stages())]
-    for ax in (overview, *others, *snapshots):
+    for ax in (overview, *others):
         polygons, boxes, words = drawn(ax)
         for corners, obstacle in zip(polygons, made.problem.obstacles, strict=True):
             assert corners == pytest.approx(obstacle.inner_corners_m)

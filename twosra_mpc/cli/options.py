@@ -239,20 +239,6 @@ ACCEPT_PAPER_WHEELS = click.option(
 )
 
 
-def plan_to_drive(function: Function) -> Function:
-    """Add PLAN, a file; the command is given the plan, unless its wheel speeds are the paper's."""
-
-    @click.argument("plan", type=FILE)
-    @ACCEPT_PAPER_WHEELS
-    @functools.wraps(function)
-    def command(*args: Any, plan: Path, accept_paper_wheels: bool, **given: Any) -> Any:
-        made = drivable_plan(plan, accept_paper_wheels=accept_paper_wheels)
-        return function(*args, plan=made, **given)
-
-    decorated: Function = command
-    return decorated
-
-
 def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
     """Load a plan from a file.
 

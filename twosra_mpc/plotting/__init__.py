@@ -25,11 +25,9 @@ from twosra_mpc.plotting.figures import (
 )
 from twosra_mpc.plotting.film import Film, animate_plan, check_animation_path
 from twosra_mpc.plotting.plan_figures import (
-    draw_snapshot,
     plan_title,
     plot_comparison,
     plot_plan,
-    plot_snapshots,
 )
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
 from twosra_mpc.plotting.sweep_figure import draw_sweep, plot_sweep
@@ -67,7 +65,6 @@ __all__ = [
     "draw_motion",
     "draw_outline",
     "draw_robot",
-    "draw_snapshot",
     "draw_sweep",
     "draw_temperatures",
     "draw_timeline",
@@ -77,7 +74,6 @@ __all__ = [
     "plot_comparison",
     "plot_plan",
     "plot_run",
-    "plot_snapshots",
     "plot_sweep",
     "robot_shape",
     "save_figure",

@@ -1,4 +1,4 @@
-"""Figures of plans: one with all there is to see, snapshots of the robot, plans side by side."""
+"""Figures of plans: one with all there is to see, and plans side by side."""
 
 from __future__ import annotations
 
@@ -22,23 +22,17 @@ from twosra_mpc.plans.plan import Plan, quality
 from twosra_mpc.plans.trajectory import (
     Phase,
     Samples,
-    State,
     Stretch,
-    soft_and_changing,
-    state_at,
-    stiffness_intervals,
     stretches,
 )
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
-from twosra_mpc.validation import OneOrMore
 
 WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
-PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
 ROOM = 0.12  # around what panels show, for names, in its size
 CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
@@ -248,95 +242,6 @@ def plan_html(plan: Plan) -> str:
     """Return the figure of a plan as an HTML element that needs no other file."""
     address = figures.picture_address(plot_plan(plan), "png")
     return f'<img src="{address}" alt="{escape(plan_title(plan))}" style="max-width: 100%">'
-
-
-@public
-def plot_snapshots(
-    plan: Plan, path: str | Path | None = None, times_s: OneOrMore[float] | None = None
-) -> Figure:
-    """Draw the robot at some moments of a plan, each in its own panel to one scale.
-
-    Args:
-        plan: The plan.
-        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
-        times_s: The moments; by default the start, the start and end of every phase, and the end.
-
-    Raises:
-        InputError: If a moment is not in the plan, matplotlib cannot write such a file, or the
-            folder cannot be written.
-    """
-    moments = _telling_times(plan) if times_s is None else times_s
-    columns = min(COLUMNS, len(moments))
-    rows = -(-len(moments) // columns)
-    with figures.styled_figure((WIDTH_IN, PANEL_IN * rows + 0.8), path) as figure:
-        figure.suptitle(plan_title(plan), wrap=True)
-        grid = figure.subplots(rows, columns, squeeze=False).ravel()
-        for ax, time_s in zip(grid, moments, strict=False):
-            plane.frame(draw_snapshot(ax, plan, time_s))
-        for ax in grid[len(moments) :]:
-            ax.remove()
-        extent_m = object_figures.extent_m(plan.trajectory, plan.trajectory.samples.q)
-        world_figures.show_world(figure.axes, plan.problem, extent_m)
-        entries = {
-            "rigid": plane.RIGID,
-            "soft": plane.SOFT,
-            "melting": plane.line(figures.CHANGING_COLOUR, 4),
-            "freezing": plane.line(figures.FREEZING_COLOUR, 4),
-            **({"target": plane.FAINT_ROBOT} if not plan.problem.ends_anywhere else {}),
-            "path of middle link": plane.line("black", 1.0),
-            **object_figures.legend_entries(plan.problem),
-            **world_figures.legend_entries(plan.problem, None),
-        }
-        plane.legend_below(figure, entries, 6)
-    return figure
-
-
-@public
-def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
-    """Draw the robot at one moment: its target ghosted, the path of its middle link behind it.
-
-    Raises:
-        InputError: If the moment is not in the plan.
-    """
-    trajectory, geometry = plan.trajectory, plan.robot.geometry
-    if not 0.0 <= time_s <= trajectory.duration_s:
-        allowed = f"a time in the plan, 0 to {trajectory.duration_s:zg} s"
-        raise InputError("time_s", time_s, allowed)
-    states = [state_at(each, time_s) for each in stiffness_intervals(trajectory)]
-    mode, changing = soft_and_changing(states)
-    past = trajectory.samples.t_s[trajectory.samples.t_s < time_s]
-    q = trajectory.configuration([*past, time_s])
-    if not plan.problem.ends_anywhere:
-        plane.draw_robot(
-            ax, geometry, trajectory.samples.q[-1], plan.problem.goal.mode, alpha=figures.FAINT
-        )
-    poses = object_poses(trajectory, np.array([time_s]))[0]
-    object_figures.draw_targets(ax, plan.problem, object_figures.targets(trajectory))
-    _draw_touched(ax, plan, q[-1], poses, 4, object_figures.UP)
-    plane.draw_robot(ax, geometry, q[-1], mode, changing=changing)
-    plane.number_units(ax, geometry, q[-1])
-    ax.plot(*q[:, :2].T, c="black", lw=1.0, zorder=5)
-    ax.plot(*q[-1, :2], "o", c="black", mfc="white", ms=3.5, zorder=5)
-    ax.set_title(f"{time_s:z.2f} s: {_in_words(states)}")
-    return ax
-
-
-def _in_words(states: Sequence[State]) -> str:
-    if len(states) == 1 or len(set(states)) > 1:
-        return ", ".join(states)
-    return f"{'both' if len(states) == 2 else 'all'} {states[0]}"
-
-
-def _telling_times(plan: Plan) -> list[float]:
-    """Start, starts and ends of phases that are not told by another moment, and end.
-
-    Of a mission, start and end of each task.
-    """
-    end_s = plan.trajectory.duration_s
-    if each := stretches(plan.trajectory):
-        return sorted({0.0, *(stage.to_s for stage in each), end_s})
-    edges = [0.0, *(t for phase in plan.phases for t in phase[1:]), end_s]
-    return [t for t, before in zip(edges, [-np.inf, *edges], strict=False) if t - before > 1e-6]
 
 
 @public

@@ -97,17 +97,6 @@ def read_obstacles(path: str | Path) -> tuple[Obstacle, ...]:
         return _obstacles(document, None, str(path))
 
 
-def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:
-    """Return obstacles as a GeoJSON document, which ``read_obstacles`` reads; discs as polygons."""
-    features = []
-    for obstacle in obstacles:
-        corners = obstacle.corners_m.tolist()
-        geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
-        properties = {"name": obstacle.name}
-        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
-    return {"type": "FeatureCollection", "features": features}
-
-
 def without_holes(polygon: Any) -> Iterator[Any]:
     """Polygons of shapely without holes that together are a polygon with holes.
 

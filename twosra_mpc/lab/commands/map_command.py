@@ -40,10 +40,10 @@ def import_map_command(
       twosra import-map map.yaml --tolerance 0.005 --least-area 1e-4 --out lab.geojson
     """
     from twosra_mpc.lab.worlds.occupancy_map import (  # shapely is slow to import
+        feature_collection,
         obstacles_on,
         read_map,
     )
-    from twosra_mpc.problem.geojson import feature_collection
 
     with output.progress("tracing the outlines of cells"):
         cells = read_map(map_file, unknown_is_free=unknown == "free")

@@ -8,7 +8,14 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import command, ending, file_option, plan_to_drive
+from twosra_mpc.cli.options import (
+    ACCEPT_PAPER_WHEELS,
+    FILE,
+    command,
+    drivable_plan,
+    ending,
+    file_option,
+)
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, EXIT_UNSEEN, Output, print_table
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.serial.port import SystemClock
@@ -21,7 +28,8 @@ from twosra_mpc.robot.modes import mode_name
 
 
 @command("stream")
-@plan_to_drive
+@click.argument("source", metavar="PLAN", type=FILE)
+@ACCEPT_PAPER_WHEELS
 @robot_line.PORT
 @robot_line.DRY_RUN
 @click.option(
@@ -42,7 +50,8 @@ from twosra_mpc.robot.modes import mode_name
 @file_option("--log", "Write what was sent and reported, as a run (.json).", ending(".json"))
 @robot_line.ROBOT_ID
 def stream_command(
-    plan: Plan,
+    source: Path,
+    accept_paper_wheels: bool,
     port: str | None,
     dry_run: bool,
     rate_Hz: float,
@@ -92,6 +101,7 @@ def stream_command(
     robot_line.check_line(port, dry_run)
     if dry_run and (camera or log):
         raise click.UsageError("--dry-run sends nothing: there is nothing to follow or to --log")
+    plan = drivable_plan(source, accept_paper_wheels=accept_paper_wheels)
     robot = robot_line.numbered(plan.robot, robot_id)
     problem = plan.problem.with_values(robot=robot)
     plan = replace(plan, trajectory=replace(plan.trajectory, problem=problem))

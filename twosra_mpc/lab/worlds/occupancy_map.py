@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -295,3 +296,14 @@ def _document(text: str, source: str) -> dict[str, Any]:
         str(key): int(value) if isinstance(value, bool) else plain(value)
         for key, value in found.items()
     }
+
+
+def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:
+    """Return obstacles as a GeoJSON document that ``read_obstacles`` reads; discs as polygons."""
+    features = []
+    for obstacle in obstacles:
+        corners = obstacle.corners_m.tolist()
+        geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
+        properties = {"name": obstacle.name}
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
