@@ -21,7 +21,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.plans.trajectory import Samples, Trajectory, entered_s
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import Obstacle, World
@@ -302,14 +302,20 @@ def test_boxes_are_entered_in_order() -> None:
     ]
 
     def told(*tasks: Pass) -> tuple[str, ...]:
-        problem = made.problem.with_values(tasks=tasks)
-        return verify(replace(made.trajectory, problem=problem)).problems
+        problem, done_s = made.problem.with_values(tasks=tasks), [0.0] * len(tasks)
+        trajectory = replace(made.trajectory, problem=problem, done_s=tuple(done_s))
+        for i, task in enumerate(tasks):
+            done_s[i] = entered_s(trajectory, task, done_s[max(i - 1, 0)])
+        return verify(replace(trajectory, done_s=tuple(done_s))).problems
 
     assert told(*here) == ()
     assert told(*here[::2]) == ()
-    assert told(here[1], here[0]) == ("task 2 (pass start) is not done",)
+    (late,) = told(here[1], here[0])
+    assert late.startswith("task 2 (pass start) at ")
+    assert late.endswith("s: is not done: its box is not entered")
     aside = Pass(y_m=(float(q[:, 1].max()) + 1.0, 9.0))
-    assert told(here[0], aside, here[2]) == ("task 2 (pass) is not done",)
+    (never,) = told(here[0], aside, here[2])
+    assert never.startswith("task 2 (pass) at 0.0 s: is not done")
     edge = Pass(x_m=(-9.0, float(q[0, 0]) - 5e-10), y_m=here[0].y_m)
     assert told(edge) == ()  # missed by rounding alone
 

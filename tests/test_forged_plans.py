@@ -338,7 +338,7 @@ FORGED: dict[str, tuple[Callable[[Document], object], str]] = {
         lambda d: d.update(stopped_early=True),
         "stopped_early: True",
     ),
-    "a mission without tasks": (lambda d: d.update(version=3), "version: 3, of a single goal"),
+    "a mission without tasks": (lambda d: d.update(version=3), "version: 3, without tasks"),
     "a verification with problems": (
         lambda d: d["verification"].update(problems=["none"]),
         "in the file: its numbers are others",

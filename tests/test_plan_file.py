@@ -831,3 +831,22 @@ def test_a_plan_file_names_no_other_file(tmp_path: Path) -> None:
             load_plan(path)
         assert key in caught.value.field
         assert caught.value.value == str(file)
+
+
+def test_boxes_are_passed_in_turn_also_in_files_that_do_not_say_when(tmp_path: Path) -> None:
+    boxes = [{"do": "pass", "x_m": (x_m, x_m + 0.02)} for x_m in (0.05, 0.1)]
+    made = plan(load_problem("rigid-move", tasks=boxes))
+    path, trajectory = tmp_path / "plan.json", made.require().trajectory
+    first_s, second_s = trajectory.done_s
+    assert 0.0 < first_s < second_s < trajectory.duration_s
+    there = trajectory.configuration(trajectory.done_s)
+    for task, q in zip(trajectory.problem.tasks, there, strict=True):
+        assert task.x_m[0] <= q[0] <= task.x_m[1]
+    document = made.to_dict()
+    assert document["version"] == 3
+    for older in (document, {**document, "version": 2}):
+        if older["version"] == 2:
+            del older["tasks"], older["carried"]
+        path.write_text(json.dumps(older))
+        assert check_plan(path).ok
+        assert load_plan(path).require().trajectory.done_s == pytest.approx((first_s, second_s))

@@ -44,7 +44,7 @@ def among() -> Plan:
         obstacles=[Obstacle(name="wall", box=wall), Obstacle(polygon_m=NOTCHED), FAR],
         tasks=[Pass(name="door", x_m=(x - 0.02, x + 0.02), y_m=(y - 0.01, y + 0.03))],
     )
-    trajectory = replace(made.trajectory, problem=problem)
+    trajectory = replace(made.trajectory, problem=problem, done_s=(made.phases[0].end_s,))
     return replace(made, trajectory=trajectory, verification=verify(trajectory))
 
 

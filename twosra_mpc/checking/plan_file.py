@@ -261,9 +261,6 @@ def _proof(plan: Plan, status: Status) -> Iterator[Check]:
 
 def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
     """Numbers and names that stand in the file twice."""
-    version, mission = document["version"], plan.problem.is_mission
-    kind = "a mission" if mission else "a single goal"
-    yield Check("version", f"{version}, of {kind}", (version == MISSION_VERSION) == mission)
     early = document["stopped_early"]
     text = f"{early}; the search ended as {result.ending or 'is not said'}"
     yield Check("stopped_early", text, early == result.stopped_early)
@@ -272,10 +269,14 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
         stored = document.get(name)
         text = f"{_number(stored)}; it should be {_number(expected)}"
         yield Check(name, text, _alike(stored, expected))
-    if mission:
-        for name, expected in mission_document(plan.trajectory).items():
+    version, problem = document["version"], plan.problem
+    asked, rests = bool(problem.tasks or problem.objects), problem.is_mission
+    text = f"{version}, {'with' if asked else 'without'} tasks or objects"
+    yield Check("version", text, asked if version == MISSION_VERSION else not rests)
+    for name, expected in mission_document(plan.trajectory).items():
+        if version == MISSION_VERSION:
             same = _alike(document.get(name), json.loads(json.dumps(expected)))
-            found = "what follows from the samples" if same else "not what follows from the samples"
+            found = f"{'' if same else 'not '}what follows from the samples"
             yield Check(name, found, same)
     name, used = document["scenario"].get("robot"), plan.robot.name
     yield Check("scenario.robot", f"{name!r}; the robot in the file is {used!r}", name == used)

@@ -85,8 +85,7 @@ def examine_around(trajectory: Trajectory, reached: Array) -> Around:
     worst = {name: min(own, key=lambda m: m[0], default=None) for name, own in found.items()}
     margins = {name: least[0] for name, least in worst.items() if least}
     words = {name: least[1] for name, least in worst.items() if least and least[0] < 0}
-    told = mission_problems if problem.is_mission else _tasks_not_done
-    return Around(margins, words, tuple(told(trajectory, sweep)))
+    return Around(margins, words, tuple(mission_problems(trajectory, sweep)))
 
 
 def closest_approach(trajectory: Trajectory) -> Clearance | None:
@@ -136,18 +135,6 @@ def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> Iterator[tuple[float, 
         when = f"from {begin:z.1f} s to {end:z.1f} s (soft_travel_m = {most:zg} m)"
         left = 0.0 if abs(most - moved) <= ROUNDING else most - moved
         yield left, f"soft, the middle link moves {moved:z.3g} m {when}"
-
-
-def _tasks_not_done(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
-    """Tasks whose box b0 does not enter, after those before it."""
-    since = 0
-    for number, task in enumerate(trajectory.problem.passes, start=1):
-        inside = rounded(task).met(sweep.q[since:, :3])
-        if not inside.any():
-            named = f"{task.do} {task.name}".strip()
-            yield f"task {number} ({named}) is not done"
-            return
-        since += int(inside.argmax())
 
 
 class Done(NamedTuple):
@@ -225,15 +212,6 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
 def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
     moving = (p for p in trajectory.phases if p.start_s + SAME_TIME_S < at_s)
     return not any(at_s < phase.end_s - SAME_TIME_S for phase in moving)
-
-
-def rounded(task: Pass) -> Pass:
-    """The box, wider by rounding."""
-
-    def wider(pair: Pair | None) -> Pair | None:
-        return None if pair is None else (pair[0] - ROUNDING, pair[1] + ROUNDING)
-
-    return Pass(x_m=wider(task.x_m), y_m=wider(task.y_m), phi_rad=wider(task.phi_rad))
 
 
 def _heading(asked: Pair, done: Done) -> Iterator[str]:
@@ -315,7 +293,7 @@ def _not_done(stage: Stage, at: Done) -> Iterator[str]:
 def _passed(task: Pass, at: Done) -> Iterator[str]:
     """B0 enters the box."""
     first, last = at.sweep.over(at.since_s, at.at_s)
-    if not rounded(task).met(at.sweep.q[first : last + 1, :POSE]).any():
+    if not task.met(at.sweep.q[first : last + 1, :POSE]).any():
         yield "is not done: its box is not entered"
 
 

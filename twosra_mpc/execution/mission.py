@@ -60,7 +60,7 @@ class Mission:
         """Go on with a plan of what is left."""
         self.plan = plan
         self._left = tuple(self._asked.get(task, task) for task in plan.problem.tasks)
-        self._ends = list(plan.trajectory.done_s)
+        self._ends = list(plan.trajectory.done_s) if self.rests else []
         self._grips = list(carried(plan.trajectory))
         self._done_before = len(self.done_s)
         self._hold: Carried | None = None

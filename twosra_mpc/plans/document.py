@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -16,8 +18,9 @@ from twosra_mpc.files import LARGEST, check_kind, json_document, reading, toml_d
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import FORMAT_VERSION, MISSION_VERSION, Result, Stats
-from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
+from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
+from twosra_mpc.problem.tasks import passes
 from twosra_mpc.timing import Transition
 from twosra_mpc.validation import named_problem
 
@@ -56,8 +59,9 @@ class PlanDocument(BaseModel):
     much slower a plan is on purpose. ``certificate`` is there where one was asked for;
     ``checking.certificate`` reads it.
     ``warnings`` stands in what ``--json`` prints: doubts about the input, which the plan is not
-    about. Missions are of version 3, which is version 2 with ``tasks`` and ``carried``. A robot
-    without ``unit_frame_m`` is older than that key, see `embedded_problem`.
+    about. With tasks or objects files are of version 3, which is version 2 with ``tasks`` and
+    ``carried``; in version 2 plans only pass boxes. A robot without ``unit_frame_m`` is older than
+    that key, see `embedded_problem`.
     """
 
     model_config = _Read
@@ -166,11 +170,22 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
         samples=_samples({**samples, **constant}),
         phases=tuple(Phase(*phase) for phase in data.phases),
         transitions=data.transitions,
-        done_s=tuple(item.done_s for item in data.tasks),
+        done_s=(0.0,) * len(problem.tasks),
     )
+    trajectory = replace(trajectory, done_s=tuple(_done_s(data, trajectory)))
     verification = Verification(**dict(data.verification))
     proved = data.lower_bound_s, data.fastest_cost_s
     return Plan(data.planner, trajectory, data.cost, verification, *proved)
+
+
+def _done_s(data: PlanDocument, trajectory: Trajectory) -> Iterator[float]:
+    """Times of the tasks as a file has them; older ones do not say when boxes are passed."""
+    tasks, since_s = trajectory.problem.tasks, 0.0
+    if data.tasks or len(passes(tasks)) != len(tasks):
+        yield from (item.done_s for item in data.tasks)
+        return
+    for box in passes(tasks).values():
+        yield (since_s := entered_s(trajectory, box, since_s))
 
 
 def _samples(samples: dict[str, Any]) -> Samples:

@@ -203,7 +203,8 @@ class Plan(ArrayValue):
         return plan_html(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The plan as plain data, as in the published file format; of a mission, with its tasks."""
+        """The plan as plain data, as in the published file format."""
+        tasks = self.problem.tasks or self.problem.objects
         return {
             "scenario": self.problem.scenario(),
             "planner": self.planner,
@@ -217,7 +218,7 @@ class Plan(ArrayValue):
             "transitions": [transition._asdict() for transition in self.transitions],
             "samples": self.samples.to_dict(),
             "verification": self.verification.to_dict(),
-            **(mission_document(self.trajectory) if self.problem.is_mission else {}),
+            **(mission_document(self.trajectory) if tasks else {}),
         }
 
 

@@ -15,14 +15,13 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import FORMAT, Problem
 from twosra_mpc.validation import ArrayValue
 
-FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
+FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and with tasks or objects
 
 _NO_PLAN: dict[str, Any] = {
     **dict.fromkeys(("duration_s", "gap", "fastest_cost_s", "search_gap")),
     **dict.fromkeys(("cost", "samples", "verification")),
     **{"phases": [], "transitions": []},
 }
-_NO_MISSION: dict[str, Any] = {"tasks": [], "carried": []}
 
 
 @dataclass(frozen=True)
@@ -121,17 +120,18 @@ class Result(ArrayValue):
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data, in the published file format."""
+        asked = self.problem.tasks or self.problem.objects
+        tasks: dict[str, Any] = {"tasks": [], "carried": []} if asked else {}
         return {
             "format": FORMAT,
-            "version": MISSION_VERSION if self.problem.is_mission else FORMAT_VERSION,
+            "version": MISSION_VERSION if tasks else FORMAT_VERSION,
             "package": __version__,
             "robot": self.problem.robot.model_dump(mode="json"),
             "scenario": self.problem.scenario(),
             "planner": self.planner,
             "status": str(self.status),
             "message": self.message,
-            **(self.plan.to_dict() if self.plan else _NO_PLAN),
-            **(_NO_MISSION if self.problem.is_mission and self.plan is None else {}),
+            **(self.plan.to_dict() if self.plan else _NO_PLAN | tasks),
             "lower_bound_s": self.lower_bound,
             "stats": vars(self.stats).copy(),
             "stopped_early": self.stopped_early,

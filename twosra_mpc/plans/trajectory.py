@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.stages import Stage
-from twosra_mpc.problem.tasks import Task
+from twosra_mpc.problem.tasks import Pass, Task
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
@@ -32,6 +33,7 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
+_LOOK_S = 0.02  # between looks whether a box is entered
 HIGHEST_RATE_HZ = 1000.0  # of set-points; no controller of such robots takes more
 
 
@@ -114,7 +116,7 @@ class Trajectory(ArrayValue):
         samples: The plan on its own grid.
         phases: Motion phases in order.
         transitions: Melts and freezes by heater time.
-        done_s: When each task of a mission is done [s]; empty where there is only a goal.
+        done_s: When each task is done [s].
     """
 
     problem: Problem
@@ -125,8 +127,7 @@ class Trajectory(ArrayValue):
 
     def __post_init__(self) -> None:
         segments, found = self.problem.robot.coordinates.segments, self.samples.mode.shape[1]
-        tasks = len(self.problem.tasks) if self.problem.is_mission else 0
-        if len(self.done_s) != tasks:
+        if len(self.done_s) != (tasks := len(self.problem.tasks)):
             raise InputError("done_s", self.done_s, f"a time for each of {tasks} tasks")
         if found != segments:
             allowed = f"a column for each of {segments} segments"
@@ -389,10 +390,14 @@ def stretches(trajectory: Trajectory) -> tuple[Stretch, ...]:
     """The stages of a plan, in order; none where a plan only reaches a goal."""
     if not trajectory.problem.tasks:
         return ()
-    found, before_s = list[Stretch](), 0.0
-    for number, stage in enumerate(trajectory.problem.stages()):
-        ends = trajectory.done_s if stage.task is not None else ()
-        to_s = ends[number] if ends else trajectory.duration_s
-        found.append(Stretch(stage, before_s, to_s))
-        before_s = to_s
-    return tuple(found)
+    spans = pairwise((0.0, *trajectory.done_s, trajectory.duration_s))
+    each = zip(trajectory.problem.stages(), spans, strict=False)  # not all have a goal at the end
+    return tuple(Stretch(stage, *span) for stage, span in each)
+
+
+def entered_s(trajectory: Trajectory, box: Pass, since_s: float) -> float:
+    """Time at which b0 is first seen in a box, from a time on [s]; that time if it never is."""
+    known, looks = trajectory.samples.t_s, np.arange(since_s, trajectory.duration_s, _LOOK_S)
+    t = np.union1d(looks, known[known >= since_s])
+    met = box.met(trajectory.configuration(t)[:, :POSE])
+    return float(t[met.argmax()])

@@ -14,6 +14,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import Goal, GoalSet
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.problem.world import Obstacle, check_growing
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
@@ -111,8 +112,8 @@ class Pass(Task):
         return np.array([self.x_m or free, self.y_m or free, self.phi_rad or free]).T
 
     def met(self, poses: Array) -> Array:
-        """Whether each pose (..., 3) is in the box; headings count modulo full turns."""
-        low, high = self.ends
+        """Whether each pose (..., 3) is in the box, but for rounding; full turns do not count."""
+        low, high = np.add(self.ends, [[-ROUNDING], [ROUNDING]])
         inside = ((poses[..., :2] >= low[:2]) & (poses[..., :2] <= high[:2])).all(axis=-1)
         if self.phi_rad is not None:
             inside &= np.mod(poses[..., 2] - low[2], math.tau) <= high[2] - low[2]

@@ -5,19 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.solver.fixed_sequence import Candidate
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.sampling import sample
-from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.timing import TemporalNetwork, transition_model
-
-_LOOK_S = 0.02  # between looks whether a box is entered
 
 
 def verified(
@@ -53,16 +48,14 @@ def verified(
 
 
 def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tuple[float, ...]:
-    """Times when tasks of a mission are done: at the end of their stages; boxes when entered."""
-    if not problem.is_mission:
+    """Times when tasks are done: at the end of their stages; boxes when entered."""
+    if not problem.tasks:
         return ()
     moved = Trajectory(problem, samples, (), (), (0.0,) * len(problem.tasks))
     done, ends = [0.0], iter(ends_s)
     for stage in problem.stages()[: len(problem.tasks)]:
         if stage.through is not None:
-            t = np.arange(done[-1], samples.t_s[-1], _LOOK_S)
-            met = stage.through.met(moved.configuration(t)[:, :POSE])
-            done.append(float(t[met.argmax()]))
+            done.append(entered_s(moved, stage.through, done[-1]))
         else:
             done.append(max(next(ends), done[-1] + stage.least_s))
     return tuple(done[1:])
