@@ -54,7 +54,7 @@ def word_option(name: str, words: str, usual: Iterable[str], **settings: Any) ->
 
 
 class Source(click.types.StringParamType):
-    """What is read: a name or a file; "-" is standard input."""
+    """Source of input: a name or a file; "-" is standard input."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Turn what was given into a name or the path of a file."""

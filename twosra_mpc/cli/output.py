@@ -70,7 +70,7 @@ class Output:
 
 
 def counting(tell: Tell, words: str) -> Callable[[int, int], None]:
-    """What is told how many of how many are done, for a line of progress that begins so."""
+    """Callback that shows how many of how many are done, after these words."""
     return lambda done, of: tell(f"{words} {done} of {of}")
 
 

@@ -1,4 +1,4 @@
-"""What limits say of a plan's samples and midway between them: every model evaluated once."""
+"""Shares of the limits used at a plan's samples and midway: every model is evaluated once."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def driven(
 def _asked(
     robot: Robot, q: list[Array], v: list[Array], a: Array, mode: NDArray[np.int64]
 ) -> list[Array]:
-    """What the model says of motion at places, each (places, m, k)."""
+    """Values of the motion function at places, each (places, m, k)."""
     count = len(q)
     given = np.concatenate(q), np.concatenate(v), np.tile(a, (count, 1)), np.tile(mode, (count, 1))
     found = by_modes(motion_function(robot), *given)

@@ -39,7 +39,7 @@ _NARROW_M, _NARROW_RAD, _NARROW_PER_M = 0.01, 0.05, 1.0
 
 
 def exact(goal: GoalSet) -> bool:
-    """Whether a goal leaves no choice of a curvature that it asks for."""
+    """True if a goal leaves no choice of a curvature that it asks for."""
     return not goal.half_width[POSE:].any()
 
 
@@ -65,7 +65,7 @@ def check_shapes(problem: Problem) -> None:
 
 
 def _what_lacks(robot: Robot, shape: Array, which: str) -> str:
-    """What a shape (n,) would have to be, and is not."""
+    """Words for the shape limit that a shape (n,) violates, and by how much."""
     limit = broken_by_shapes(robot, shape)
     assert limit is not None, "it is forbidden"
     if limit is BODY_GAP:
@@ -138,7 +138,7 @@ _SIDES = np.array([-1.0, 1.0])[:, None, None]
 
 
 class Looked(NamedTuple):
-    """What is known of a box of shapes.
+    """Knowledge of a box of shapes.
 
     Attributes:
         shape: Of those that were looked at the one that misses limits least, (n,) [1/m].

@@ -63,12 +63,12 @@ class GoalSet(Value, ABC):
         """The member to aim at from ``q``, (3 + n,)."""
 
     def residual(self, q: ca.SX) -> ca.SX:
-        """What is zero for members, and for nothing else in the box, symbolically, (m,)."""
+        """Equality constraints of the goal set within its box, symbolically, (m,)."""
         return q[:0]
 
     @property
     def is_box(self) -> bool:
-        """Whether every configuration in its box is a member."""
+        """True if every configuration in its box is a member."""
         return type(self).residual is GoalSet.residual
 
     def error(self, q: Array) -> Array:
@@ -76,7 +76,7 @@ class GoalSet(Value, ABC):
         return q - self.aim(q)
 
     def met_at(self, q: Array) -> bool:
-        """Whether ``q`` (3 + n,) is in the set, to within `GOAL_TOLERANCE`."""
+        """True if ``q`` (3 + n,) is in the set, to within `GOAL_TOLERANCE`."""
         return bool(np.abs(self.error(q.copy())).max() <= GOAL_TOLERANCE)
 
     def box_met(self, near: Array) -> tuple[Array, Array]:

@@ -89,7 +89,7 @@ class SpeedLimit:
         return float(getattr(robot.body.limits, self.name))
 
     def limits(self, robot: Robot | Body) -> bool:
-        """Whether the robot has this limit."""
+        """True if the robot has this limit."""
         return getattr(robot.body.limits, self.name) is not None
 
 
@@ -105,7 +105,7 @@ def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
 
 @per_body()
 def _parts_moved_m2(body: Body) -> Array:
-    """How far any point of a part moves at most per curvature of each segment, (n,) [m2]."""
+    """Largest travel of any point of a part per curvature of each segment, (n,) [m2]."""
     return self_collision(body).reach_m * np.array(body.geometry.lengths_m)
 
 
@@ -195,7 +195,7 @@ def shape_function(body: Body) -> ca.Function:
 
 
 def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
-    """How far shapes are from what the limits forbid, by name of the limit, each (m,).
+    """Margins of shapes to what the limits forbid, by name of the limit, each (m,).
 
     Negative: forbidden. Margins within rounding of zero are zero. That of `BODY_GAP` is a lower
     bound where it is more than `FAR_M`.
@@ -260,7 +260,7 @@ def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.
 
 
 def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
-    """How far any point of a part moves at most, as seen from another part, (m,) [m].
+    """Largest travel of any point of a part, as seen from another part, (m,) [m].
 
     Args:
         robot: The robot.
@@ -271,7 +271,7 @@ def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
-    """Whether the robot may drive rigidly in each of these shapes (m, n)."""
+    """Truth for each of these shapes (m, n): the robot may drive rigidly in it."""
     margins = shape_margins(robot, kappa)
     driving = [margins[limit.name] >= 0 for limit in SHAPE_LIMITS if limit.driving]
     allowed: NDArray[np.bool_] = np.all(driving, axis=0)
@@ -279,7 +279,7 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
 
 
 def workspace_margins(problem: Problem | Alone, q: Array) -> Array:
-    """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
+    """Margins of the robot to the edges of its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
     """
@@ -333,7 +333,7 @@ def motion_function(body: Body) -> ca.Function:
 
 
 def _shares(body: Body, s: ca.SX, moved: ca.SX, turned: ca.SX) -> list[ca.SX]:
-    """What an input displacement takes up of each speed limit, signed; ``moved`` is J s."""
+    """Shares of the speed limits that an input displacement takes, signed; ``moved`` is J s."""
     limits = speed_limits(body)
     return [ca.densify(each.travel(body, s, moved, turned) / each.most(body)) for each in limits]
 
@@ -369,7 +369,7 @@ def interval_durations(motion: Motion) -> Array:
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:
-    """Whether a motion takes no forbidden shape, and drives in none that is forbidden to drive in.
+    """True if a motion takes no forbidden shape, and drives in none that is forbidden to drive in.
 
     Rigid phases that move less than ``still`` [m or rad] in every interval do not drive.
     """

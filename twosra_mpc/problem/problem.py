@@ -55,7 +55,7 @@ from twosra_mpc.validation import (
 
 
 class Start(Value):
-    """Where the robot is, its shape, how warm its segments are, and which object it holds."""
+    """Initial state: pose, curvatures, temperatures of the segments, and the object in hand."""
 
     x_m: Metres
     y_m: Metres
@@ -376,32 +376,32 @@ class Problem(Value):
 
     @cached_property
     def world(self) -> World:
-        """What is around the robot, but for objects."""
+        """Surroundings of the robot, without objects."""
         return World(**{name: getattr(self, name) for name in World.model_fields})
 
     @property
     def world_at_start(self) -> World:
-        """What is around the robot at t = 0, objects as obstacles."""
+        """Surroundings of the robot at t = 0, objects as obstacles."""
         return self.world_with([item.pose.pose for item in self.objects])
 
     def world_with(self, poses: Sequence[Array | None]) -> World:
-        """What is around the robot where objects are at poses (3,); None: not in the way."""
+        """Surroundings of the robot with objects at poses (3,); None: not in the way."""
         placed = zip(self.objects, poses, strict=True)
         there = [item.at(pose) for item, pose in placed if pose is not None]
         return self.world.with_values(obstacles=(*self.obstacles, *there))
 
     def stages(self) -> tuple[Stage, ...]:
-        """What is asked in turn: a stage for each task, and one for the goal if there is one."""
+        """Stages in turn: one for each task, and one for the goal if there is one."""
         return tuple(stages_of(self.tasks, self.goal, self.modes, self.start.holding))
 
     @property
     def is_mission(self) -> bool:
-        """Whether there is more to do than to pass boxes and to reach one goal past obstacles."""
+        """True if there is more to do than to pass boxes and to reach one goal past obstacles."""
         return bool(self.objects) or any(task.rests for task in self.tasks)
 
     @property
     def ends_anywhere(self) -> bool:
-        """Whether the last task says where it ends, soft or rigid, and there is no goal."""
+        """True if the last task says where it ends, soft or rigid, and there is no goal."""
         return isinstance(self.goal, Anywhere)
 
     @property
@@ -411,7 +411,7 @@ class Problem(Value):
 
     @property
     def judged_goal(self) -> GoalSet:
-        """What runs are measured by: the goal narrowed by the robot's accuracy, which is added."""
+        """Goal set that runs are measured by: the goal without the robot's accuracy, which is added."""
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
 
@@ -426,7 +426,7 @@ class Problem(Value):
 
     @property
     def drives_gently(self) -> bool:
-        """Whether time to spare is used to drive slowly: a robot that may jump needs none.
+        """True if time to spare is used to drive slowly: a robot that may jump needs none.
 
         Nor does a plan whose cost already says what effort is worth.
         """

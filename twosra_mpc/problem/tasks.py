@@ -68,7 +68,7 @@ class Task(Tagged):
         raise NotImplementedError(f"{type(self).__name__}.stage")
 
     def said(self, number: int) -> str:
-        """What it asks, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
+        """Task in words, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
         return f"{self.do} {self.name or self.about or f'goal {number}'}"
 
     @property
@@ -112,7 +112,7 @@ class Pass(Task):
         return np.array([self.x_m or free, self.y_m or free, self.phi_rad or free]).T
 
     def met(self, poses: Array) -> Array:
-        """Whether each pose (..., 3) is in the box, but for rounding; full turns do not count."""
+        """Truth for each pose (..., 3): it is in the box, to rounding and full turns."""
         low, high = np.add(self.ends, [[-ROUNDING], [ROUNDING]])
         inside = ((poses[..., :2] >= low[:2]) & (poses[..., :2] <= high[:2])).all(axis=-1)
         if self.phi_rad is not None:
@@ -125,7 +125,7 @@ class Pass(Task):
         return Stage(modes, through=self)
 
     def said(self, number: int) -> str:
-        """What it asks, in words."""
+        """Task in words."""
         return f"pass through {self.name or f'goal {number}'}"
 
 
@@ -198,7 +198,7 @@ class Conform(Task):
         return Stage(modes, rigid_mode(len(modes[0])), along=self)
 
     def said(self, number: int) -> str:
-        """What it asks, in words."""
+        """Task in words."""
         return f"conform to {self.name or self.object}"
 
 

@@ -64,7 +64,7 @@ COST_TOLERANCE_S, COST_TOLERANCE = 1e-4, 1e-6
 
 
 def kept_from_m(own_m: Array, kept_m: float) -> Array:
-    """What a motion keeps from things that are ``own_m`` away where it begins, (m,) [m].
+    """Distance that a motion keeps from things ``own_m`` away where it begins, (m,) [m].
 
     As much as it has there, less what is not seen, and no more than the clearance ``kept_m``.
     """
@@ -72,7 +72,7 @@ def kept_from_m(own_m: Array, kept_m: float) -> Array:
 
 
 def forgiven(bound_s: float, replay_tolerance: float = 0.0) -> float:
-    """What is proved of plans that are verified, if so much is of plans that keep all exactly [s].
+    """Lower bound on the cost of verified plans, from one on plans that keep all exactly [s].
 
     Bounds know goals, curvatures and the body with their tolerances; this is for the others. Five
     events of a change of mode may each be early by `TIME_TOLERANCE_S`, and speeds and

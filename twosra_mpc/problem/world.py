@@ -1,4 +1,4 @@
-"""What is around the robot: obstacles, how far to keep from them, and edges of the workspace."""
+"""Surroundings of the robot: obstacles, the clearance to keep, and edges of the workspace."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Workspace(Value):
         return Workspace(x_m=x_m if self.x_m else None, y_m=y_m if self.y_m else None)
 
     def margin_m(self, points: Array) -> Array:
-        """How far points (..., 2) are within the box; negative outside, by the farther axis."""
+        """Signed distance of points (..., 2) to the edges; negative outside, by the farther axis."""
         low, high = self.corners_m
         margin: Array = np.minimum(points - low, high - points).min(axis=-1)
         return margin
@@ -142,7 +142,7 @@ Obstacles = Several[Obstacle]
 
 
 class World(Value):
-    """What is around the robot. ``Problem(**dict(world), ...)`` plans in it.
+    """Surroundings of the robot. ``Problem(**dict(world), ...)`` plans in it.
 
     ``clearance_m`` is kept to all obstacles, by the whole sweep of a plan. A curvature known to
     within ``curvature_uncertainty_per_m`` widens the robot by what it moves its far end.

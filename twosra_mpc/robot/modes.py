@@ -44,7 +44,7 @@ def soft_runs(sequence: Sequence[Mode]) -> list[list[int]]:
 
 
 def blocks_of(sequence: Sequence[Mode]) -> int:
-    """How many blocks a sequence has."""
+    """Number of blocks of a sequence."""
     return len(soft_runs(sequence))
 
 

@@ -144,7 +144,7 @@ def _told(plan: Plan, run: Run, output: Output) -> int:
 
 
 def _where(state: StreamState) -> str:
-    """Where a stream is, in a line."""
+    """Progress of a stream in a line."""
     known = f"  ({state.known})" if state.known else ""
     return f"{state.time_s:z7.1f} s  {state.during}{known}"
 

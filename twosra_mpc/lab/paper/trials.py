@@ -197,7 +197,7 @@ _TIMES = {
 
 
 def _times(of: Data) -> list[str]:
-    """What is known of times, and the share that is waiting."""
+    """Times of the trials, and the share that is waiting."""
     known = [f"{of[name]:z.0f}" for name in _TIMES if name in of]
     return [*known, f"{100 * of['share_waiting']:z.1f} %"]
 
