@@ -411,7 +411,7 @@ class Problem(Value):
 
     @property
     def judged_goal(self) -> GoalSet:
-        """Goal set that runs are measured by: the goal without the robot's accuracy, which is added."""
+        """Goal set by which runs are judged: the goal less the robot's accuracy, which is added."""
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
 

@@ -60,7 +60,7 @@ class Workspace(Value):
         return Workspace(x_m=x_m if self.x_m else None, y_m=y_m if self.y_m else None)
 
     def margin_m(self, points: Array) -> Array:
-        """Signed distance of points (..., 2) to the edges; negative outside, by the farther axis."""
+        """Signed distance of points (..., 2) to the edges; negative outside, by the worse axis."""
         low, high = self.corners_m
         margin: Array = np.minimum(points - low, high - points).min(axis=-1)
         return margin
