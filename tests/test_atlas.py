@@ -32,7 +32,7 @@ def row(problem: int, current: float, bend: float) -> dict[str, object]:
         "message": "",
         "sequence": "[0,0] [1,1]" if bend >= 0 else "[0,0] [0,1]",
         "duration_s": duration,
-        "gap": 0.01 if bend else 0.0,
+        "search_gap": 0.01 if bend else 0.0,
         "critical_melts": 1.0,
         "critical_freezes": 2.0 if bend < 0 else 1.0,
         "verified": True,

@@ -112,7 +112,7 @@ def atlas(runs: DataFrame) -> Atlas:
         statuses=_counts(runs["status"]),
         sequences=_counts(made["sequence"]),
         duration_s=_spread(made["duration_s"]),
-        gap=_spread(search_gaps(made)),
+        gap=_spread(made["search_gap"]),
         saved_s=_spread(saved),
         worth=(*_of_transitions(made), *_of_keys(made)),
         failures=_failures(runs),
@@ -122,11 +122,6 @@ def atlas(runs: DataFrame) -> Atlas:
 def plans(runs: DataFrame) -> DataFrame:
     """Return the rows of problems that have a plan."""
     return runs[runs["duration_s"].notna()]
-
-
-def search_gaps(made: DataFrame) -> Series[float]:
-    """Return the gaps that the search proved; of older tables, those of plans made gentle."""
-    return made["search_gap"].fillna(made["gap"])
 
 
 def has_greedy(runs: DataFrame) -> bool:

@@ -22,12 +22,11 @@ if TYPE_CHECKING:
 
 RUNS, PARTS = "runs.parquet", "parts"  # in the folder of a batch: the whole table, and pieces of it
 
-YOUNGER = ("fastest_cost", "search_gap")  # than the first tables: NaN there
 # Column -> type in the table. A number that there is none of is NaN, a text is empty.
 RESULT_COLUMNS = {
     **dict.fromkeys(("status", "message", "sequence"), "str"),
     **dict.fromkeys(("cost", "lower_bound", "gap", "duration_s", "waiting_s"), "float64"),
-    **dict.fromkeys(YOUNGER, "float64"),
+    **dict.fromkeys(("fastest_cost", "search_gap"), "float64"),
     **dict.fromkeys(("moving_s", "energy_J", "critical_melts", "critical_freezes"), "float64"),
     **dict.fromkeys(("wall_s", "cpu_s"), "float64"),
     "verified": "bool",
@@ -90,7 +89,6 @@ def _read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
     with reading(str(path), "runs", "a Parquet file that twosra batch wrote"):
         frame = pd.read_parquet(path, columns=columns)
         if columns is None:
-            frame = frame.assign(**{name: np.nan for name in YOUNGER if name not in frame})
             columns = ["problem", *frame.attrs["varied"], *RESULT_COLUMNS]
         frame[columns]  # are there
         return frame.astype({name: RESULT_COLUMNS.get(name, frame[name].dtype) for name in columns})

@@ -21,7 +21,6 @@ from twosra_mpc.lab.batch.atlas import (
     has_greedy,
     numeric_keys,
     plans,
-    search_gaps,
 )
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.coordinates import Array
@@ -175,7 +174,7 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
 
 def draw_gaps(ax: Axes, runs: DataFrame) -> Axes:
     """Draw the proved gaps of the plans as a histogram."""
-    gaps = 100 * search_gaps(plans(runs)).dropna().to_numpy()
+    gaps = 100 * plans(runs)["search_gap"].dropna().to_numpy()
     title = "proved gap at full speed"
     if gaps.size:
         gaps = np.maximum(gaps, _LEAST_GAP)
