@@ -1,1 +1,1 @@
-"""Work at the bench: a robot driven by hand, and the closed loop of one heater alone."""
+"""Work at the bench: a robot driven by hand, and shapes in which its wheels lose control."""
