@@ -1,1 +1,1 @@
-"""Worlds: maps of ROS as obstacles, and which shapes of a grid pass."""
+"""Worlds: maps of ROS as obstacles."""
