@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from once import planned
+from twosra_mpc.execution.greedy_executor import GreedyExecutor
 
 from benchmarks.foreign import TICK_S, ForeignRobot
 from benchmarks.problems import labelled
 from twosra_mpc import plan
 from twosra_mpc.execution import Executor, Reading, RobotError, greedy_executor
 from twosra_mpc.execution.executor import ExecutorSettings, _Execution
-from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.run import Ending, Run
 
 ARC, FROM_S = "2sra-v1", 2.0

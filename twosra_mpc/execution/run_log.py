@@ -23,7 +23,7 @@ from twosra_mpc.execution.run import (
     RunLog,
     Verdict,
 )
-from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.run_record import RunRecord
 from twosra_mpc.files import check_kind, read_document, reading, write_json
 from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
@@ -49,22 +49,22 @@ class RunFile:
             executed: By what.
         """
         self.path, self._plan, self._executed = path, plan, executed
-        self._session: Session | None = None
+        self._record: RunRecord | None = None
         self._due_s = time.monotonic() + SAVED_EVERY_S
 
-    def note(self, session: Session) -> None:
+    def note(self, record: RunRecord) -> None:
         """Look at a run after each of its commands."""
-        self._session = session
-        if session.stands and (begun_s := time.monotonic()) >= self._due_s:
+        self._record = record
+        if record.controller.belief.stands and (begun_s := time.monotonic()) >= self._due_s:
             self.end("the run was still under way")
             took_s = time.monotonic() - begun_s
             self._due_s = begun_s + max(SAVED_EVERY_S, took_s / _SHARE)
 
     def end(self, reason: str) -> None:
         """Write down a run that ended so, if it has begun."""
-        if self._session is not None:
+        if self._record is not None:
             verdict = Verdict(self._executed, Ending.LOGGED, reason, (self._plan,))
-            self.save(self._session.so_far(verdict))
+            self.save(self._record.run(verdict))
 
     def save(self, run: Run) -> None:
         """Write a run that has come to its own end."""
