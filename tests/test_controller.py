@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twosra_mpc.control.controller import (
+from twosra_mpc.control.stiffness_controller import (
     CURRENT_GAINS,
     POWER_GAINS,
     ControllerState,

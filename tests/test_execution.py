@@ -18,7 +18,7 @@ from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.course import HeaterSchedule, Progress
 from twosra_mpc.execution.driving import Pulses, predicted_curvatures, settling
 from twosra_mpc.execution.executor import Executor, GreedyExecutor
-from twosra_mpc.execution.remaining import remaining_problem
+from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.settings import ExecutorSettings

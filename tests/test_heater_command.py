@@ -15,7 +15,7 @@ from matplotlib import rcParams
 from thermal_problems import UNEQUAL
 
 from twosra_mpc import cli
-from twosra_mpc.control.controller import StiffnessController, stiffness_controller
+from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.lab.bench.heater_loop import HeaterRun, simulate_heater
 from twosra_mpc.lab.commands.heater_command import simulate_heater_command

@@ -20,7 +20,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twosra_mpc.control.controller import StiffnessController, stiffness_controller
+from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.bench.heater_loop import (

@@ -16,10 +16,9 @@ import numpy as np
 
 from twosra_mpc.arguments import public
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.command import Command
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import TooNearError
-from twosra_mpc.execution.robot_interface import Reading
+from twosra_mpc.execution.robot_interface import Command, Reading
 from twosra_mpc.execution.run import Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.robot.coordinates import Array

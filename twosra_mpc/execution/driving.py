@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.execution.command import Command, still
 from twosra_mpc.execution.controller import Looking, Next, rest
 from twosra_mpc.execution.course import Abort
+from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending

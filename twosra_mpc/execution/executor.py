@@ -10,11 +10,11 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.following import Following, Think
-from twosra_mpc.execution.greedy import Greedy
+from twosra_mpc.execution.greedy_rule import Greedy
 from twosra_mpc.execution.guard import guard_of
 from twosra_mpc.execution.robot_interface import Camera, RobotInterface, stopped_after
 from twosra_mpc.execution.run import Run
-from twosra_mpc.execution.run_record import RunRecord
+from twosra_mpc.execution.run_log import RunRecord
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.planning.planner import plan as find_plan

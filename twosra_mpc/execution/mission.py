@@ -16,7 +16,6 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.course import Abort
 from twosra_mpc.execution.guard import Guard
 from twosra_mpc.execution.objects_seen import cage_of, fitted
-from twosra_mpc.execution.remaining import tasks_left
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
@@ -348,6 +347,16 @@ class Mission:
             pieces = convex_parts(held.corners_m)
         world = world.with_values(obstacles=kept)
         self.belief.guard = Guard(problem, self._patience, world, pieces)
+
+
+def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:
+    """Tasks that a path (m, 3 + n) has not done yet, in their order."""
+    for done, task in enumerate(tasks):
+        met = task.met(path[:, :POSE])
+        if not met.any():
+            return tasks[done:]
+        path = path[met.argmax() :]
+    return ()
 
 
 def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:

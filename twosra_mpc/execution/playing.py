@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.command import Command
 from twosra_mpc.execution.controller import Activity, Next, Trouble, rest
 from twosra_mpc.execution.course import Abort, Course, Waiting
-from twosra_mpc.execution.robot_interface import RobotError
+from twosra_mpc.execution.robot_interface import Command, RobotError
 from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan

@@ -21,8 +21,7 @@ from twosra_mpc.execution.executor import plan_controller, run_controller
 from twosra_mpc.execution.playing import Playing
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Executed, Run
-from twosra_mpc.execution.run_log import RunFile
-from twosra_mpc.execution.run_record import RunRecord
+from twosra_mpc.execution.run_log import RunFile, RunRecord
 from twosra_mpc.execution.serial.port import Clock, Port, SteppedClock
 from twosra_mpc.execution.serial.pose_lines import PoseLines
 from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected

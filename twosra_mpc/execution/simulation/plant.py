@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twosra_mpc.arguments import check_size, public
-from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading

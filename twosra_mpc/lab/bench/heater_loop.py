@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.control.controller import Event, StiffnessController
+from twosra_mpc.control.stiffness_controller import Event, StiffnessController
 from twosra_mpc.control.thermistor import TemperatureSensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment

@@ -10,7 +10,7 @@ import click
 from twosra_mpc.cli.options import ROBOT, SEED, choice_option, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.control import thermistor
-from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,

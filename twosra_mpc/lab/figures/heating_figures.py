@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
-from twosra_mpc.control.controller import StiffnessController
+from twosra_mpc.control.stiffness_controller import StiffnessController
 from twosra_mpc.lab.bench.heater_loop import HeaterRun
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.timeline_figures import draw_stiffness, intervals_of

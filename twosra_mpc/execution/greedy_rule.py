@@ -15,10 +15,10 @@ from collections.abc import Callable
 import numpy as np
 
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.command import Command
 from twosra_mpc.execution.controller import Activity, Looking, Next, Trouble, rest
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.driving import Pulses
+from twosra_mpc.execution.robot_interface import Command
 from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.settings import ExecutorSettings
