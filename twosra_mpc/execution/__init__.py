@@ -1,8 +1,15 @@
 """Running plans: on anything that can be read and driven, first of all on a simulated robot."""
 
 from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.executor import Executor, greedy_controller, plan_controller
-from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError, RobotInterface
+from twosra_mpc.execution.robot_interface import (
+    Camera,
+    Command,
+    Reading,
+    RobotError,
+    RobotInterface,
+)
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.run_log import load_run
 from twosra_mpc.execution.serial.robot import PoseSource, SerialRobot, connected
@@ -17,6 +24,8 @@ __all__ = [
     "LEVELS",
     "Accuracy",
     "Camera",
+    "Command",
+    "Controller",
     "Disturbance",
     "Ending",
     "Executor",

@@ -120,6 +120,8 @@ class Controller:
             RobotError: If the robot cannot be driven any more.
         """
         belief = self.belief
+        if self.verdict is not None:
+            return self._off
         try:
             belief.take(reading)
             activity: Next = self._activity or self.policy.begin()
@@ -154,10 +156,15 @@ class Controller:
 
     def _ended(self, verdict: Verdict) -> Command:
         """Wheels stand, heaters are off."""
-        self.verdict, belief = verdict, self.belief
-        belief.tell("end", verdict.reason)
+        self.verdict = verdict
+        self.belief.tell("end", verdict.reason)
+        return self.belief.give(self._off)
+
+    @property
+    def _off(self) -> Command:
+        belief = self.belief
         off_C = np.full_like(belief.setpoint_C, belief.problem.robot.heater.rigid_setpoint_C)
-        return belief.give(Command(off_C, belief.camera.period_s))
+        return Command(off_C, belief.camera.period_s)
 
 
 @dataclass(eq=False)

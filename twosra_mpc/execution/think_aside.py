@@ -30,6 +30,9 @@ class ThinkAside:
         self._made: list[Result] = []
         self._failures: list[BaseException] = []
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self._plan,))  # whoever goes on asks again
+
     def __call__(self, problem: Problem) -> Result | None:
         """The result for a problem, or None while it is being planned: ask again."""
         if self._thread is None:
