@@ -192,7 +192,7 @@ class Tracker:
     def __getstate__(self) -> dict[str, Any]:
         """State without what is compiled: settings, the plan, and solutions to start from."""
         solutions = {mode: program.solution for mode, program in self._programs.items()}
-        compiled = {"_programs": {}, "_phases": None, "_solved_last": None}
+        compiled: dict[str, Any] = {"_programs": {}, "_phases": None, "_solved_last": None}
         return {**self.__dict__, **compiled, "solutions": solutions}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
