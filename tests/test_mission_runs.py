@@ -141,7 +141,7 @@ def test_a_cup_that_slides_in_the_cage_is_corrected(carried: Plan, planner: Plan
     made = replace(carried, trajectory=replace(carried.trajectory, problem=open_cage))
     slid = composed(IN_B0, np.array([0.004, 0.004, 0.0]))
     robot = Slipping(open_cage, 6.5, slid)
-    run = Executor(robot).run(made)
+    run = Executor(robot, think=planner).run(made)
     assert run.reached
     assert run.corrections >= 1
     assert planner.asked[0].start.holding == "cup"
