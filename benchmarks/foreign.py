@@ -7,14 +7,13 @@ one fault. What it is asked and what it does is written down for whoever judges 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc import Problem
+from twosra_mpc import Problem, plan
 from twosra_mpc.execution import Camera, Reading
+from twosra_mpc.plans.result import Result
 from twosra_mpc.robot.description import Robot
 
 Array = NDArray[np.float64]
@@ -181,6 +180,7 @@ class ForeignRobot:
         self._grip = rng.uniform(0.85, 0.95, 4)
         self.wheels, self.setpoint_C = np.zeros(4), np.full(2, 25.0)
         self.forced_m, self.hottest_C, self.blind_m, self.planning_m = 0.0, 0.0, 0.0, 0.0
+        self._thought: tuple[Result, float, Array] | None = None
         self._last: tuple[float, Array] = (0.0, self.q)
         self.mattered_s = math.nan
         self._photograph()
@@ -236,16 +236,18 @@ class ForeignRobot:
             if before != [segment.told for segment in self.segments]:
                 return
 
-    def meanwhile(self, work: Callable[[], Any], rest: Callable[[], None]) -> Any:
-        """Plan at once, while the clock goes on under the last command."""
-        del rest
+    def think(self, problem: Problem) -> Result | None:
+        """Plan at once; None while the clock goes on."""
         if self.fault == "planner raises":
             raise BrokenError("the planner is gone")
-        before, made = self.q.copy(), work()
-        for _ in range(round(PLANNING_S / TICK_S)):
-            self._tick()
+        if self._thought is None:
+            self._thought = plan(problem), self.time_s + PLANNING_S, self.q.copy()
+        result, end_s, before = self._thought
+        if self.time_s < end_s:
+            return None
+        self._thought = None
         self.planning_m += float(np.hypot(*(self.q - before)[:2]))
-        return made
+        return result
 
     @property
     def off(self) -> bool:

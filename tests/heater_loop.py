@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.control.controller import Event, StiffnessController
+from twosra_mpc.control.stiffness_controller import Event, StiffnessController
 from twosra_mpc.control.thermistor import TemperatureSensor
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.robot.coordinates import Array

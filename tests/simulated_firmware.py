@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.serial.port import SerialPort
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment

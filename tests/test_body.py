@@ -26,7 +26,7 @@ from twosra_mpc import (
 )
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.execution.guard import bends_into_itself
-from twosra_mpc.execution.remaining import remaining_problem
+from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.ends import check_shapes

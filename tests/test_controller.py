@@ -1,251 +1,173 @@
-"""The stiffness controller step by step: PI law, limits, trip, faults, what it remembers."""
+"""The controller as a step: a value that can be kept, and off whatever fails around it."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import FrozenInstanceError, replace
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from once import planned
 
-from twosra_mpc.control.controller import (
-    CURRENT_GAINS,
-    POWER_GAINS,
-    ControllerState,
-    Event,
-    StiffnessController,
-    stiffness_controller,
+from twosra_mpc import Plan
+from twosra_mpc.execution import (
+    LEVELS,
+    Controller,
+    Ending,
+    Executor,
+    Reading,
+    SimulatedRobot,
+    greedy_controller,
+    plan_controller,
 )
-from twosra_mpc.errors import InputError
-from twosra_mpc.robot.description import load_robot
-from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.execution.robot_interface import Command
 
-STEP_S = 0.1
-PAPER = stiffness_controller(load_robot("2sra-v1"), 25.0, 0)
-LOGGED = stiffness_controller(load_robot("2sr-v2"), 22.6, 0)
-BOTH = pytest.mark.parametrize("controller", [PAPER, LOGGED], ids=["v1", "v2"])
-
-READINGS_C = st.lists(st.floats(0.0, 120.0), min_size=1, max_size=40)
+GOES_ON = """
+import pickle, sys
+controller, reading = pickle.load(sys.stdin.buffer)
+command = controller.step(reading)
+sys.stdout.buffer.write(pickle.dumps((command, controller.belief.q)))
+"""
 
 
-def reading_C(controller: StiffnessController, segment_C: float) -> float:
-    """What the sensor shows of a segment that has long had this temperature."""
-    return controller.ambient_C + controller.sensor_gain * (segment_C - controller.ambient_C)
+def controllers(made: Plan, robot: SimulatedRobot) -> dict[str, Controller]:
+    return {
+        "optimal": plan_controller(made, robot.camera),
+        "greedy": greedy_controller(made.problem, robot.camera),
+    }
 
 
-def stepped(
-    controller: StiffnessController,
-    state: ControllerState,
-    setpoint: Stiffness,
-    segment_C: float,
-    seconds: float = STEP_S,
-) -> tuple[ControllerState, list[Event]]:
-    """Steps with one temperature of the segment, as its sensor shows it."""
-    events: list[Event] = []
-    for _ in range(round(seconds / STEP_S)):
-        state, news = controller.step(state, setpoint, reading_C(controller, segment_C), STEP_S)
-        events += news
-    return state, events
+def kept(value: Any) -> Any:
+    return pickle.loads(pickle.dumps(value))
 
 
-def started(controller: StiffnessController, segment_C: float) -> ControllerState:
-    """The controller's state at a temperature of the segment."""
-    return controller.start(reading_C(controller, segment_C))
+def drive(made: Plan, which: str, every: int) -> tuple[list[Command], Controller]:
+    """Commands of a run whose controller is kept and taken up again every so many steps."""
+    robot, commands = SimulatedRobot(made.problem, "arc", LEVELS["moderate"], 4), list[Command]()
+    controller = controllers(made, robot)[which]
+    while controller.verdict is None:
+        command = controller.step(robot.read())
+        robot.send(command.wheel_rad_s, command.heater_setpoint_C)
+        robot.wait(command.at_most_s)
+        commands.append(command)
+        if every and len(commands) % every == 0:
+            controller = kept(controller)
+    return commands, controller
 
 
-# --- the PI law ----------------------------------------------------------------------------------
+@pytest.mark.parametrize(("name", "which"), [("paper-2", "optimal"), ("rigid-move", "greedy")])
+def test_a_controller_that_is_kept_and_taken_up_again_does_the_same(name: str, which: str) -> None:
+    """Also while metal changes, and in the middle of a look, to the last bit."""
+    made = planned(name)
+    (straight, one), (interrupted, other) = drive(made, which, 0), drive(made, which, 60)
+    assert straight == interrupted
+    assert one.verdict is not None
+    assert other.verdict is not None
+    assert (one.verdict.ending, one.verdict.reason) == (other.verdict.ending, other.verdict.reason)
+    assert one.belief.events == other.belief.events
 
 
-def test_output_is_proportional_part_plus_integrator() -> None:
-    output, integrator = PAPER.pi_law(0.1, 64.0, 0.1)
-    assert output == pytest.approx(0.20 * 1.0 + 0.1)
-    assert integrator == pytest.approx(0.1 + 0.004 * 1.0 * 0.1)
+def test_another_process_goes_on_while_metal_changes() -> None:
+    made = planned("paper-2")
+    robot = SimulatedRobot(made.problem, "arc", LEVELS["moderate"], 4)
+    controller = plan_controller(made, robot.camera)
+    while not any(0.2 < segment.melt_fraction < 0.8 for segment in robot.segments):
+        command = controller.step(robot.read())
+        robot.send(command.wheel_rad_s, command.heater_setpoint_C)
+        robot.wait(command.at_most_s)
+    reading = robot.read()
+    given = pickle.dumps((controller, reading))
+    there = subprocess.run([sys.executable, "-c", GOES_ON], input=given, capture_output=True)
+    assert there.returncode == 0, there.stderr.decode()
+    command, q = pickle.loads(there.stdout)
+    assert command == controller.step(reading)
+    assert (q == controller.belief.q).all()
 
 
-def test_the_integrator_stops_while_the_output_is_saturated_towards_the_error() -> None:
-    assert PAPER.pi_law(0.1, 25.0, 0.1) == (0.8, 0.1)
-    assert PAPER.pi_law(0.1, 80.0, 0.1) == (0.0, 0.1)
-    output, integrator = PAPER.pi_law(0.3, 66.0, 0.1)  # unwinds
-    assert output == pytest.approx(0.1)
-    assert integrator < 0.3
+def test_a_step_after_the_end_leaves_the_robot_off() -> None:
+    made = planned("rigid-move")
+    _, controller = drive(made, "optimal", 0)
+    robot = SimulatedRobot(made.problem, "arc", LEVELS["none"])
+    verdict = controller.verdict
+    reading = robot.read()
+    for k in range(3):
+        later = Reading(
+            controller.belief.now_s + 0.1 + k,
+            np.empty(0),
+            np.empty((0, 5)),
+            reading.temperature_C,
+            reading.stiffness,
+            reading.faulty,
+        )
+        command = controller.step(later)
+        assert not command.wheel_rad_s.any()
+        assert (command.heater_setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
+        assert controller.verdict is verdict
 
 
-def test_the_integrator_is_clamped_to_what_holding_needs() -> None:
-    assert PAPER.pi_law(0.35, 64.9, 0.1)[1] == 0.35
-    assert PAPER.pi_law(0.0, 65.1, 0.1)[1] == 0.0
-    assert (CURRENT_GAINS.integrator_max, POWER_GAINS.integrator_max) == (0.35, 0.5)
+class BrokenError(Exception):
+    """Whatever an owner's code may raise."""
 
 
-def test_a_share_of_power_goes_with_the_square_of_the_current() -> None:
-    """4 K below the set-point: a share of 0.4 of full power, 0.63 of full current."""
-    state, _ = stepped(LOGGED, started(LOGGED, 70.5), "soft", 70.5)
-    assert state.current_A == pytest.approx(0.8 * math.sqrt(0.10 * 4.0))
-    state, _ = stepped(PAPER, started(PAPER, 61.0), "soft", 61.0)
-    assert state.current_A == pytest.approx(0.20 * 4.0)
+class Fails(SimulatedRobot):
+    """A robot whose n-th call of a method raises, and which keeps what it was told last."""
+
+    def __init__(self, made: Plan, part: str, number: int) -> None:
+        self.part, self.left, self.told = part, number, list[Any]()
+        super().__init__(made.problem, "arc", LEVELS["moderate"], 4)
+
+    def fail(self, part: str) -> None:
+        self.left -= part == self.part
+        if part == self.part and self.left == 0:
+            raise BrokenError(part)
+
+    def read(self) -> Reading:
+        self.fail("read")
+        return super().read()
+
+    def send(self, *given: Any) -> None:
+        self.fail("send")
+        super().send(*given)
+        self.told.append(given)
+
+    def wait(self, at_most_s: float) -> None:
+        self.fail("wait")
+        super().wait(at_most_s)
 
 
-def test_the_sensor_is_scaled_to_the_segment() -> None:
-    """Rescaled temperature Ta + (y - Ta) / gain; the follow-up robot's is not used any more."""
-    scaled = replace(LOGGED, sensor_gain=0.75)
-    assert scaled.segment_C(54.4) == pytest.approx(22.6 + (54.4 - 22.6) / 0.75)
-    assert LOGGED.segment_C(54.4) == pytest.approx(54.4)
-    assert PAPER.segment_C(54.4) == pytest.approx(54.4)
+@pytest.mark.parametrize("part", ["read", "send", "wait"])
+@pytest.mark.parametrize("number", range(1, 122, 12))
+def test_whatever_call_fails_the_robot_is_off(part: str, number: int) -> None:
+    made = planned("rigid-move")
+    robot = Fails(made, part, number)
+    try:
+        run = Executor(robot).run(made)
+        assert run.ending is Ending.REACHED  # it was there before so many calls
+        assert robot.left > 0
+    except BrokenError:
+        assert robot.left <= 0
+    wheels, setpoint_C = robot.told[-1]
+    assert not wheels.any()
+    assert (setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
 
 
-@BOTH
-@given(readings=READINGS_C, setpoints=st.lists(st.booleans(), min_size=40, max_size=40))
-def test_current_and_integrator_stay_within_their_limits(
-    controller: StiffnessController, readings: list[float], setpoints: list[bool]
-) -> None:
-    state = controller.start(readings[0])
-    for reading, soft in zip(readings, setpoints, strict=False):
-        state, _ = controller.step(state, "soft" if soft else "rigid", reading, 0.2)
-        assert 0.0 <= state.current_A <= controller.full_current_A
-        assert 0.0 <= state.integrator <= controller.gains.integrator_max
-        assert soft or state.current_A == 0.0
-    assert controller.full_current_A <= load_robot("2sra-v1").heater.current_max_A
-
-
-def test_gains_can_be_given() -> None:
-    gentle = replace(CURRENT_GAINS, proportional_per_K=0.10, integral_per_K_s=0.002)
-    controller = stiffness_controller(load_robot("2sra-v1"), 25.0, 0, gentle)
-    assert controller.gains is gentle
-
-
-# --- trip ----------------------------------------------------------------------------------------
-
-
-@BOTH
-def test_the_heater_trips_at_85_and_is_on_again_below_80(controller: StiffnessController) -> None:
-    hungry = replace(controller, soft_setpoint_C=100.0)  # so that only the trip stops it
-    state, events = stepped(hungry, started(hungry, 84.0), "soft", 84.0)
-    assert state.current_A > 0
-    state, events = stepped(hungry, state, "soft", 85.1)
-    assert state.current_A == 0.0
-    assert [event.kind for event in events] == ["tripped"]
-    state, events = stepped(hungry, state, "soft", 80.2, 5.0)
-    assert (state.current_A, events) == (0.0, [])
-    state, events = stepped(hungry, state, "soft", 79.8, 0.3)
-    assert state.current_A > 0
-    assert [event.kind for event in events] == ["cleared"]
-
-
-# --- faults --------------------------------------------------------------------------------------
-
-
-@BOTH
-@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
-def test_no_reading_is_a_fault_and_switches_off(
-    controller: StiffnessController, broken: float
-) -> None:
-    state, _ = stepped(controller, started(controller, 65.0), "soft", 64.0, 2.0)
-    assert state.current_A > 0
-    state, events = controller.step(state, "soft", broken, STEP_S)
-    assert (state.current_A, state.integrator, state.protection) == (0.0, 0.0, "fault")
-    assert [event.kind for event in events] == ["fault", "changing"]
-    assert {event.stiffness for event in events} == {"changing"}
-    assert events[0].time_s == pytest.approx(2.1)
-    assert controller.step(state, "soft", broken, STEP_S)[1] == ()
-
-
-@BOTH
-def test_a_fault_lasts_until_a_good_reading_under_the_setpoint_rigid(
-    controller: StiffnessController,
-) -> None:
-    state, _ = controller.step(started(controller, 40.0), "soft", math.nan, STEP_S)
-    state, events = stepped(controller, state, "soft", 40.0, 5.0)
-    assert (state.protection, state.current_A, events) == ("fault", 0.0, [])
-    state, _ = controller.step(state, "rigid", math.nan, STEP_S)
-    assert state.protection == "fault"
-    state, events = stepped(controller, state, "rigid", 40.0)
-    assert (state.protection, state.stiffness) == ("none", "changing")
-    assert [event.kind for event in events] == ["cleared"]
-    assert state.time_s == pytest.approx(5.3)
-    state, _ = stepped(controller, state, "soft", 40.0)
-    assert state.current_A == controller.full_current_A
-
-
-@BOTH
-def test_after_a_fault_the_sensor_must_show_anew_that_the_segment_is_rigid(
-    controller: StiffnessController,
-) -> None:
-    state, _ = controller.step(started(controller, 40.0), "rigid", math.nan, STEP_S)
-    state, events = stepped(controller, state, "rigid", 40.0, 25.0)
-    assert state.stiffness == "changing"
-    state, events = stepped(controller, state, "rigid", 40.0, 10.0)
-    assert [event.kind for event in events] == ["rigid"]
-
-
-@BOTH
-def test_a_sensor_that_has_come_off_is_a_fault(controller: StiffnessController) -> None:
-    """It reads the air, however hot the segment gets; the trip would never see it."""
-    state, events = stepped(controller, started(controller, 25.0), "soft", 25.0, 30.0)
-    assert (state.protection, state.current_A) == ("fault", 0.0)
-    fault = next(event for event in events if event.kind == "fault")
-    assert fault.time_s < 21.0
-
-
-@BOTH
-def test_one_reading_that_is_far_off_changes_nothing(controller: StiffnessController) -> None:
-    """One K from the set-point, where the integrator moves the current by less than the limit."""
-    held_C = controller.soft_setpoint_C - 1.0
-    state, _ = stepped(controller, started(controller, held_C), "soft", held_C, 3.0)
-    assert 0 < state.current_A < controller.full_current_A
-    for spike_C in (84.0, 30.0):
-        after, events = stepped(controller, state, "soft", spike_C)
-        assert not events
-        assert after.current_A == pytest.approx(state.current_A, abs=1e-3)
-
-
-# --- memory --------------------------------------------------------------------------------------
-
-
-@BOTH
-def test_a_rested_segment_is_known_by_its_temperature(controller: StiffnessController) -> None:
-    melting = (controller.rule.solid_below_C + controller.rule.liquid_above_C) / 2
-    known = {t: started(controller, t).stiffness for t in (30.0, melting, 66.0)}
-    assert known == {30.0: "rigid", melting: "changing", 66.0: "soft"}
-    assert controller.melt_fraction(started(controller, 30.0)) == 0.0
-    assert controller.melt_fraction(started(controller, melting)) == pytest.approx(0.5)
-    assert controller.melt_fraction(started(controller, 66.0)) == 1.0
-
-
-@BOTH
-def test_a_step_is_a_function_of_its_arguments(controller: StiffnessController) -> None:
-    state, _ = stepped(controller, started(controller, 50.0), "soft", 55.0, 3.0)
-    before = replace(state)
-    once = stepped(controller, state, "soft", 58.0)
-    assert stepped(controller, state, "soft", 58.0) == once
-    assert state == before
-    with pytest.raises(FrozenInstanceError):
-        state.current_A = 1.0  # type: ignore[misc]
-    with pytest.raises(FrozenInstanceError):
-        controller.trip_C = 1000.0  # type: ignore[misc]
-
-
-@BOTH
-@pytest.mark.parametrize("dt_s", [0.0, -0.1, math.nan, math.inf])
-def test_time_must_pass(controller: StiffnessController, dt_s: float) -> None:
-    with pytest.raises(InputError, match="dt_s"):
-        controller.step(started(controller, 30.0), "soft", 30.0, dt_s)
-
-
-@BOTH
-def test_a_start_needs_a_reading(controller: StiffnessController) -> None:
-    with pytest.raises(InputError, match="measured_C"):
-        controller.start(math.nan)
-
-
-def test_a_robot_without_a_thermal_description_has_no_controller() -> None:
-    robot = load_robot("2sra-v1")
-    timing = {"constant": robot.timing["constant"]}
-    bare = robot.with_values(segment=None, timing=timing)
-    with pytest.raises(InputError, match=r"segment = None .* thermal description"):
-        stiffness_controller(bare, 25.0, 0)
-
-
-@pytest.mark.parametrize("name", ["2sra-v1", "2sr-v2"])
-def test_nothing_would_freeze_in_such_air(name: str) -> None:
-    with pytest.raises(InputError, match=r"ambient_C = 59\.0 .* below which"):
-        stiffness_controller(load_robot(name), 59.0, 0)
+def test_no_step_reads_a_file_or_a_clock() -> None:
+    """Seen from its modules: what it is made of imports neither time nor threads."""
+    folder = Path(sys.modules[Controller.__module__].__file__ or "").parent
+    for name in (
+        "belief",
+        "controller",
+        "course",
+        "driving",
+        "following",
+        "greedy_rule",
+        "mission",
+        "playing",
+        "replanning",
+    ):
+        source = (folder / f"{name}.py").read_text()
+        for word in ("import time", "threading", "open(", "sleep"):
+            assert word not in source, (name, word)

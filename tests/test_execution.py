@@ -14,13 +14,13 @@ from problems import exactly
 from scipy.optimize import newton
 
 from twosra_mpc import InputError, Problem, load_problem, plan
-from twosra_mpc.execution.camera_feedback import Pulses, predicted_curvatures, settling
 from twosra_mpc.execution.camera_filter import CameraFilter
-from twosra_mpc.execution.executor import Executor, remaining_problem
-from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.course import HeaterSchedule, Progress
+from twosra_mpc.execution.driving import Pulses, predicted_curvatures, settling
+from twosra_mpc.execution.executor import Executor, GreedyExecutor
+from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.runner import HeaterSchedule, Progress
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import SimulatedRobot

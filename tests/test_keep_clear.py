@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
 from twosra_mpc.execution import Ending, Executor, ExecutorSettings, Patience, Run, SimulatedRobot
 from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.remaining import tasks_left
+from twosra_mpc.execution.mission import tasks_left
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.execution.simulation.simulate import closest_approach, simulate
 from twosra_mpc.model.outline import robot_shape

@@ -14,9 +14,9 @@ from once import solved
 
 from twosra_mpc import Plan, Problem, Result, load_problem, plan
 from twosra_mpc.execution import Ending, Executor, Patience, Reading, Run, SimulatedRobot
-from twosra_mpc.execution import executor as executing
 from twosra_mpc.execution.guard import Guard
 from twosra_mpc.execution.objects_seen import ObjectsSeen
+from twosra_mpc.execution.simulation import plant as simulated
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.problem.goals import Anywhere
@@ -86,7 +86,7 @@ def nothing(problem: Problem) -> Result:
 @pytest.fixture
 def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
     made = Planner(driven)
-    monkeypatch.setattr(executing, "find_plan", made)
+    monkeypatch.setattr(simulated, "find_plan", made)
     return made
 
 
@@ -141,7 +141,7 @@ def test_a_cup_that_slides_in_the_cage_is_corrected(carried: Plan, planner: Plan
     made = replace(carried, trajectory=replace(carried.trajectory, problem=open_cage))
     slid = composed(IN_B0, np.array([0.004, 0.004, 0.0]))
     robot = Slipping(open_cage, 6.5, slid)
-    run = Executor(robot).run(made)
+    run = Executor(robot, think=planner).run(made)
     assert run.reached
     assert run.corrections >= 1
     assert planner.asked[0].start.holding == "cup"
@@ -156,7 +156,7 @@ def test_a_lost_cup_is_noticed_within_two_seconds_and_grasped_again(
 ) -> None:
     planner._answer = nothing
     robot = Slipping(carried.problem, 3.0, [0.0, 0.15, 0.0])
-    run = Executor(robot).run(carried)
+    run = Executor(robot, think=planner).run(carried)
     assert run.ending is Ending.OBJECT_LOST
     assert "mm from where it was held" in run.reason
     assert "there is no way" in run.reason
@@ -180,7 +180,7 @@ def test_a_cup_lost_too_often_ends_the_run(carried: Plan, planner: Planner) -> N
 
     regrasped = Planner(lambda problem: driven_again(problem, carried))
     planner._answer = regrasped
-    run = Executor(Always(carried.problem, 1.0, [0.0, 0.15, 0.0])).run(carried)
+    run = Executor(Always(carried.problem, 1.0, [0.0, 0.15, 0.0]), think=planner).run(carried)
     assert run.ending is Ending.OBJECT_LOST
     assert "lost 4 times" in run.reason
     assert len(regrasped.asked) == 3
@@ -209,7 +209,7 @@ def test_a_robot_whose_camera_sees_no_objects_carries_on_trust(
     carried: Plan, planner: Planner
 ) -> None:
     robot = Blind(carried.problem, "as-planned", LEVELS["moderate"])
-    run = Executor(robot).run(carried)
+    run = Executor(robot, think=planner).run(carried)
     assert run.reached
     goal = carried.problem.tasks[0]
     off = robot.truth().objects[-1, 0, :2] - [goal.x_m, goal.y_m]  # type: ignore[attr-defined]

@@ -11,10 +11,10 @@ import pytest
 from once import planned
 
 from twosra_mpc import InputError, Problem, load_problem
-from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
+from twosra_mpc.execution.course import warm_setpoint_C
 from twosra_mpc.execution.robot_interface import Camera
-from twosra_mpc.execution.runner import warm_setpoint_C
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot

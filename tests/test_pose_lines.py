@@ -21,16 +21,18 @@ from conftest import Run
 from once import planned, solved
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, Plan, load_robot
+from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot
 from twosra_mpc.execution import run_log
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.run_log import RunFile, load_run
 from twosra_mpc.execution.serial.port import stop_command
 from twosra_mpc.execution.serial.pose_lines import LATEST_S, PoseLines, pose_lines
-from twosra_mpc.execution.serial.robot import STOPS, SerialRobot, connected, while_standing
+from twosra_mpc.execution.serial.robot import STOPS, SerialRobot
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
-from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.think_aside import ThinkAside
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
+from twosra_mpc.planning.planner import plan as find_plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_run
 
 ROBOT = load_robot("2sra-v1")
@@ -241,47 +243,56 @@ def test_a_camera_needs_reports() -> None:
 
 # --- planning meanwhile --------------------------------------------------------------------------
 
+PUSH = np.array([0.0, 0.15, 0.0, 0.0, 0.0])
+PLANNER = "twosra_mpc.execution.serial.stream.find_plan"
 
-def test_a_robot_is_told_to_stand_while_something_is_computed() -> None:
-    plan = planned("rigid-move")
-    firmware = SimulatedFirmware(plan)
-    enough = threading.Event()
-    firmware.at[8.0] = enough.set
-    with connected(plan.problem, firmware.port, firmware) as robot:
-        robot.listen()
-        session = Session(robot, plan.problem)
-        assert while_standing(
-            lambda: enough.wait(30.0), lambda: session.rest(session.setpoint_C, 1.0)
-        )
+
+def pushed(plan: Plan) -> SeenByLines:
+    """A robot that is moved after 4 s, so that the rest has to be planned again."""
+    firmware = SeenByLines(plan)
+    firmware.at[4.0] = lambda: setattr(firmware, "q", firmware.q + PUSH)
+    return firmware
+
+
+def test_a_robot_is_told_to_stand_while_somebody_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, enough = planned("rigid-move"), threading.Event()
+    firmware = pushed(plan)
+    firmware.at[16.0] = enough.set
+
+    def slowly(problem: Problem) -> Result:
+        assert enough.wait(60.0)
+        return find_plan(problem)
+
+    monkeypatch.setattr(PLANNER, slowly)
+    run = stream(plan, firmware.port, firmware, poses=firmware.poses)
+    assert run.reached
+    assert run.corrections + run.replans >= 1
     times = [item.time_s for item in firmware.received]
     assert max(np.diff(times)) <= 1.3
-    assert not firmware.moves
+    standing = (run.log.time_s > 8.0) & (run.log.time_s < 16.0)
+    assert standing.sum() > 5
+    assert not run.log.wheel_rad_s[standing].any()
     firmware.close()
 
 
-def test_an_error_of_what_is_computed_comes_through() -> None:
-    def fail() -> None:
+def test_an_error_of_what_is_planned_comes_through() -> None:
+    def fail(problem: Problem) -> Result:
         raise InputError("goal", 1, "another")
 
+    think = ThinkAside(fail)
     with pytest.raises(InputError, match="goal = 1"):
-        while_standing(fail, lambda: None)
+        list(iter(lambda: think(load_problem("rigid-move")), Result))
 
 
-def test_an_interrupt_does_not_wait_for_what_is_computed() -> None:
-    plan = planned("rigid-move")
-    firmware = SimulatedFirmware(plan)
-    firmware.at[5.0] = lambda: os.kill(os.getpid(), signal.SIGINT)
-    never = threading.Event()
-
-    def drive() -> None:
-        with connected(plan.problem, firmware.port, firmware) as robot:
-            session = Session(robot, plan.problem)
-            while_standing(never.wait, lambda: session.rest(session.setpoint_C, 1.0))
-
+def test_an_interrupt_does_not_wait_for_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, never = planned("rigid-move"), threading.Event()
+    firmware = pushed(plan)
+    firmware.at[16.0] = lambda: os.kill(os.getpid(), signal.SIGINT)
+    monkeypatch.setattr(PLANNER, lambda problem: never.wait())
     with pytest.raises(KeyboardInterrupt):
-        drive()
+        stream(plan, firmware.port, firmware, poses=firmware.poses)
     never.set()
-    assert firmware.now_s() < 6.0
+    assert firmware.now_s() < 18.0
     assert_off(firmware)
     firmware.close()
 
@@ -291,9 +302,7 @@ def test_whatever_raises_the_last_command_is_a_stop(
     monkeypatch: pytest.MonkeyPatch, part: str
 ) -> None:
     plan = planned("rigid-move")
-    firmware = SeenByLines(plan)
-    push = np.array([0.0, 0.15, 0.0, 0.0, 0.0])
-    firmware.at[4.0] = lambda: setattr(firmware, "q", firmware.q + push)
+    firmware = pushed(plan)
 
     def broken(*given: object) -> object:
         if part == "find_plan" or firmware.now_s() > 4.0:
@@ -301,7 +310,7 @@ def test_whatever_raises_the_last_command_is_a_stop(
         return whole(*given)
 
     if part == "find_plan":
-        monkeypatch.setattr("twosra_mpc.execution.executor.find_plan", broken)
+        monkeypatch.setattr(PLANNER, broken)
     else:
         whole = getattr(SerialRobot, part)
         monkeypatch.setattr(SerialRobot, part, broken)

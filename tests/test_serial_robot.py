@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from once import planned
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, Plan, load_robot
+from twosra_mpc import InputError, Plan, Problem, load_robot
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.serial.robot import STOPS, connected
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
+from twosra_mpc.plans.result import Result
 
 Array = NDArray[np.float64]
 
@@ -90,23 +91,20 @@ def test_a_robot_that_nothing_sees_is_not_tracked(
     assert bool(driven) == (poses is not None)
 
 
-def test_wheels_do_not_turn_while_the_rest_is_planned(
-    made: list[SeenFirmware], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wheels_do_not_turn_while_the_rest_is_planned(made: list[SeenFirmware]) -> None:
     plan = planned("paper-2", robot=ARC)
     made.append(SeenFirmware(plan))
 
-    def stopped(problem: object) -> None:
+    def stopped(problem: Problem) -> Result:
         made[0].receive()
         assert not any(made[0].received[-1].wheel_rad_s)
         raise InputError("goal", problem, "none: planning was tried")
 
-    monkeypatch.setattr("twosra_mpc.execution.executor.find_plan", stopped)
     push = np.array([0.15, 0.0, 0.0, 0.0, 0.0])
     with connected(plan.problem, made[0].port, made[0], poses=made[0]) as robot:
         robot.listen()
         made[0].at[made[0].now_s() + 0.5] = lambda: setattr(made[0], "q", made[0].q + push)
-        run = Executor(robot).run(plan)
+        run = Executor(robot, think=stopped).run(plan)
     assert run.ending is Ending.NO_PLAN
     assert "planning was tried" in run.reason
 

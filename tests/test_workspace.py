@@ -15,7 +15,7 @@ from problems import ROBOT
 
 from twosra_mpc import InputError, Plan, Problem, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.execution.executor import remaining_problem
+from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.plotting import plot_plan

@@ -20,7 +20,7 @@ from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, Problem, plan
 from twosra_mpc.execution import Executor, ExecutorSettings, SimulatedRobot
 from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.run_log import RunRecord
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.geometry import Geometry
@@ -70,8 +70,9 @@ class Departure(Study):
         robot, steps = SimulatedRobot(problem, "arc", level, case.seed), list[Step]()
         guard = Guard(problem, settings.patience)
 
-        def note(session: Session) -> None:
-            steps.append(Step(session.q.copy(), robot.q.copy(), guard.stop_m(session.deviation)))
+        def note(record: RunRecord) -> None:
+            belief = record.controller.belief
+            steps.append(Step(belief.q.copy(), robot.q.copy(), guard.stop_m(belief.deviation)))
 
         run = Executor(robot, settings, note).run(plan(problem).require())
         told_s = [

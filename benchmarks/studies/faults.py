@@ -20,7 +20,7 @@ from benchmarks.problems import Choices, labelled
 from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, plan
 from twosra_mpc.execution import Executor
-from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.executor import GreedyExecutor
 from twosra_mpc.validation import plain
 
 Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
@@ -109,7 +109,7 @@ def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) 
         if executor == "greedy":
             run = GreedyExecutor(robot).run(made.problem)
         else:
-            run = Executor(robot, meanwhile=robot.meanwhile).run(made)
+            run = Executor(robot, think=robot.think).run(made)
         ending, reason = str(run.ending), run.reason
     except (BrokenError, KeyboardInterrupt) as error:
         if isinstance(error, KeyboardInterrupt) and fault != "interrupt":

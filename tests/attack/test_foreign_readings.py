@@ -14,9 +14,9 @@ from once import planned
 from benchmarks.foreign import TICK_S, ForeignRobot
 from benchmarks.problems import labelled
 from twosra_mpc import plan
-from twosra_mpc.execution import Executor, Reading, RobotError, greedy_executor
-from twosra_mpc.execution.executor import ExecutorSettings, _Execution
-from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution import Executor, Reading, RobotError, greedy_rule
+from twosra_mpc.execution.executor import ExecutorSettings, GreedyExecutor, plan_controller
+from twosra_mpc.execution.following import Following
 from twosra_mpc.execution.run import Ending, Run
 
 ARC, FROM_S = "2sra-v1", 2.0
@@ -100,7 +100,7 @@ class Reversed(ForeignRobot):
 def test_the_greedy_rule_does_not_go_away_from_its_goal_for_hours(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(greedy_executor, "AWAY_M", 3.0)
+    monkeypatch.setattr(greedy_rule, "AWAY_M", 3.0)
     made = planned("rigid-move", robot=ARC)
     robot = Reversed(made.problem)
     run = driven(robot, made, "greedy")
@@ -130,9 +130,8 @@ def test_the_longest_time_of_a_run_holds_while_it_drives() -> None:
 
 def test_a_robot_that_does_not_bend_is_not_heated_for_hours() -> None:
     """With a dead wheel it never bends, however long it melts."""
-    made = planned("rigid-move", robot=ARC)
-    robot = ForeignRobot(made.problem)
-    run, melt_on_s = _Execution(Executor(robot), made), ExecutorSettings().patience.melt_on_s
-    for _ in range(ExecutorSettings().replans):
-        run._melt_on()
-    assert robot.time_s < 4.1 * melt_on_s * ExecutorSettings().replans
+    made, settings = planned("rigid-move", robot=ARC), ExecutorSettings()
+    policy = plan_controller(made, ForeignRobot(made.problem).camera, settings).policy
+    assert isinstance(policy, Following)
+    held_s = sum(policy.melt_on_s() for _ in range(settings.replans))
+    assert held_s <= 4 * settings.patience.melt_on_s * settings.replans

@@ -18,13 +18,15 @@ from once import planned
 
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
 from benchmarks.studies.faults import attacked
+from twosra_mpc import Problem
 from twosra_mpc.execution import Executor, Reading, RobotError
 from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter, usable
 from twosra_mpc.execution.doubt import DRIVE_M, Doubt, DoubtError
-from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.executor import GreedyExecutor
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.plans.result import Result
 from twosra_mpc.robot.description import load_robot
 
 Array = NDArray[np.float64]
@@ -193,7 +195,7 @@ class Moved(Hooked):
 def test_a_robot_that_was_moved_is_found_again_and_stands_while_somebody_plans() -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Moved(made.problem)
-    run = Executor(robot, meanwhile=robot.meanwhile).run(made)
+    run = Executor(robot, think=robot.think).run(made)
     assert run.ending is Ending.REACHED
     assert made.robot.ends_within.of(made.problem.judged_goal.error(robot.q.copy())) <= 1.0
     assert run.corrections + run.replans >= 1
@@ -204,11 +206,11 @@ def test_a_planner_that_raises_leaves_the_robot_off() -> None:
     made = planned("rigid-move", robot=ARC)
     robot = Moved(made.problem)
 
-    def meanwhile(work: Callable[[], Any], rest: Callable[[], None]) -> Any:
+    def think(problem: Problem) -> Result:
         raise BrokenError("the planner is gone")
 
     with pytest.raises(BrokenError):
-        Executor(robot, meanwhile=meanwhile).run(made)
+        Executor(robot, think=think).run(made)
     assert robot.off
 
 

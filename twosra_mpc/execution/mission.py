@@ -12,11 +12,10 @@ from collections import Counter
 
 import numpy as np
 
+from twosra_mpc.execution.belief import Belief
+from twosra_mpc.execution.course import Abort
 from twosra_mpc.execution.guard import Guard
 from twosra_mpc.execution.objects_seen import cage_of, fitted
-from twosra_mpc.execution.remaining import tasks_left
-from twosra_mpc.execution.runner import Abort
-from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
@@ -42,9 +41,9 @@ class Mission:
         trouble: What was lost last and not grasped since, in words; empty if nothing.
     """
 
-    def __init__(self, session: Session, patience: Patience, plan: Plan) -> None:
+    def __init__(self, belief: Belief, patience: Patience, plan: Plan) -> None:
         """Begin with a plan of all tasks."""
-        self.session, self._patience, self.problem = session, patience, plan.problem
+        self.belief, self._patience, self.problem = belief, patience, plan.problem
         self.rests, self.done_s = plan.problem.is_mission, list[float]()
         self.lost: Counter[str] = Counter()
         self.trouble = ""
@@ -65,7 +64,7 @@ class Mission:
         self._done_before = len(self.done_s)
         self._hold: Carried | None = None
         self._room_m = 0.0
-        self._rows = len(self.session.path)
+        self._path = [self.belief.q]
         if plan.problem.start.holding is not None:
             self._hold = self._grips.pop(0)
         self._open_before_release()
@@ -76,8 +75,7 @@ class Mission:
         """Tasks that are left, in order."""
         if self.rests:
             return self._left
-        path = self.session.path[self._rows - 1 :]  # from where the plan begins
-        return tasks_left(tuple(passes(self._left).values()), path)
+        return tasks_left(tuple(passes(self._left).values()), np.array(self._path))
 
     @property
     def holding(self) -> str | None:
@@ -104,21 +102,29 @@ class Mission:
         """True if a task is done in a stretch of the plan."""
         return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in self._ends)
 
-    def arrived(self, clock_s: float) -> Abort | None:
-        """Look whether tasks are done whose time in the plan has come."""
-        while self._ends and self._ends[0] <= clock_s + SAME_TIME_S:
-            task = self._left[0]
-            if (left := self._unheld(task) or self._not_done(task)) is not None:
-                return left
+    def see(self) -> None:
+        """Note where the robot is: boxes that are passed count by the path."""
+        self._path.append(self.belief.q)
+
+    def due(self, clock_s: float) -> Task | None:
+        """The next task, if its time in the plan has come."""
+        return self._left[0] if self._ends and self._ends[0] <= clock_s + SAME_TIME_S else None
+
+    def judge(self) -> Abort | None:
+        """Judge the task that is due; at one that ends at rest, objects were looked at."""
+        task = self._left[0]
+        left = self._unheld() if task.rests else None
+        left = left or self._not_done(task)
+        if left is None:
             self._done()
-        return None
+        return left
 
     def dropped(self) -> Abort | None:
         """True if what is held is not where it is held."""
-        session, hold = self.session, self._hold
-        if hold is None or session.objects is None or not session.objects.seen:
+        belief, hold = self.belief, self._hold
+        if hold is None or belief.objects is None or not belief.objects.seen:
             return None
-        away_m = _far_m(session.objects.in_b0[hold.object] - hold.pose_in_b0)
+        away_m = _far_m(belief.objects.in_b0[hold.object] - hold.pose_in_b0)
         if away_m <= HOLD_M + self._room_m:
             return None
         name = self.problem.objects[hold.object].name
@@ -154,7 +160,7 @@ class Mission:
         """The problem with what is left to do, what is held and where objects are, and q now."""
         problem, poses, holding = self.problem, self.poses(), self.holding
         held = [i for i, item in enumerate(problem.objects) if item.name == holding]
-        q = fitted(problem, self.session.q, poses, held)
+        q = fitted(problem, self.belief.q, poses, held)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
         start = problem.start.with_values(holding=holding)
         tasks = self.left
@@ -165,14 +171,14 @@ class Mission:
 
     def poses(self) -> Array:
         """Poses of the objects, as far as is known, (objects, 3)."""
-        session = self.session
-        if session.objects is None:
+        belief = self.belief
+        if belief.objects is None:
             return np.zeros((0, POSE))
-        poses = session.objects.poses.copy()
+        poses = belief.objects.poses.copy()
         if (hold := self._hold) is not None:
-            seen = session.objects.in_b0[hold.object]
-            in_b0 = seen if session.objects.seen else hold.pose_in_b0
-            poses[hold.object] = composed(session.q[:POSE], in_b0)
+            seen = belief.objects.in_b0[hold.object]
+            in_b0 = seen if belief.objects.seen else hold.pose_in_b0
+            poses[hold.object] = composed(belief.q[:POSE], in_b0)
         return poses
 
     def _concerned(self) -> str:
@@ -185,13 +191,10 @@ class Mission:
         tasks = grasps(self.problem.tasks).values()
         return next((task for task in tasks if task.object == name), Grasp(object=name))
 
-    def _unheld(self, task: Task) -> Abort | None:
-        """Look whether what is held is still there, where a task ends at rest."""
-        if not task.rests:
-            return None
-        self._look()
-        if self.session.unseen_s > self._patience.unseen_s:
-            return Abort("camera", self.session.unseen)
+    def _unheld(self) -> Abort | None:
+        """True if what is held is not there any more, or nothing is seen."""
+        if self.belief.unseen_s > self._patience.unseen_s:
+            return Abort("camera", self.belief.unseen)
         return self.dropped()
 
     def _not_done(self, task: Task) -> Abort | None:
@@ -211,23 +214,23 @@ class Mission:
 
     def _passed(self, task: Pass, at: str) -> Abort | None:
         """True if b0 was not in the box since the task before."""
-        met = task.met(self.session.path[self._rows :, :POSE]).any()
+        met = task.met(np.array(self._path)[1:, :POSE]).any()
         return None if met else Abort("task", f"{at} is not done: the box was not entered")
 
     def _reached(self, goal: GoalSet, at: str) -> Abort | None:
         """True if the robot is not in the goal set."""
-        session = self.session
-        asked = goal.loosened(-session.accuracy.scale(self.problem.robot.coordinates))
-        return self._off_by(asked.error(session.q.copy()), at)
+        belief = self.belief
+        asked = goal.loosened(-belief.accuracy.scale(self.problem.robot.coordinates))
+        return self._off_by(asked.error(belief.q.copy()), at)
 
     def _as_planned(self, at: str) -> Abort | None:
         """True if the robot is not where the plan leaves it."""
-        error: Array = self.session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
+        error: Array = self.belief.q - self.plan.trajectory.configuration([self._ends[0]])[0]
         error[2] = wrapped(error[2])
         return self._off_by(error, at)
 
     def _off_by(self, error: Array, name: str) -> Abort | None:
-        accuracy = self.session.accuracy
+        accuracy = self.belief.accuracy
         text = f"{name} is not done: {accuracy.describe(error)}"
         return None if accuracy.surely(error) else Abort("task", text)
 
@@ -250,13 +253,13 @@ class Mission:
 
     def _grasped(self, task: Grasp) -> Abort | None:
         """True if the object is neither where it should be held, nor proved to be caged."""
-        seen, grip = self.session.objects, self._grips[0]
+        seen, grip = self.belief.objects, self._grips[0]
         self._room_m = 0.0
         if seen is None or not seen.seen:
             return None
         in_b0 = seen.in_b0[grip.object]
         away_m = _far_m(in_b0 - grip.pose_in_b0)
-        cage = cage_of(self.problem, self.session.q, grip.object, in_b0)
+        cage = cage_of(self.problem, self.belief.q, grip.object, in_b0)
         if cage is not None and cage.proved:
             self._room_m = cage.room_m
         elif away_m > HOLD_M:
@@ -277,7 +280,7 @@ class Mission:
         """The task with what the release is known to add taken off, for b0's heading now."""
         if (drag := self._drags.get(task.object)) is None:
             return task
-        c, s = math.cos(self.session.q[2]), math.sin(self.session.q[2])
+        c, s = math.cos(self.belief.q[2]), math.sin(self.belief.q[2])
         x_m, y_m = (np.array([task.x_m, task.y_m]) - np.array([[c, -s], [s, c]]) @ drag).tolist()
         phi_rad = task.phi_rad
         if phi_rad is None and self._looks:  # b0 has the heading for which this was worked out
@@ -298,42 +301,29 @@ class Mission:
         turned = f" and {math.degrees(turn_rad):z.1f} degrees" if turn_rad else ""
         return f"{task.object} is {1e3 * far_m:z.1f} mm{turned} from where it is to be"
 
-    def look(self) -> None:
-        """Look at objects from a robot at rest."""
-        session, never = self.session, np.zeros_like(self.session.q)
-        if session.objects is not None:
-            session.objects.forget()
-            session.average(session.setpoint_C, never, self._patience.objects_s)
-
-    def _look(self) -> None:
-        session, patience = self.session, self._patience
-        accuracy = session.accuracy.scale(self.problem.robot.coordinates)
-        self.look()
-        session.average(session.setpoint_C, patience.certain * accuracy, patience.look_s)
-
     def _done(self) -> None:
         task, *left = self._left
         self._ends.pop(0)
         if task.takes:
             self._hold, self.trouble = self._grips.pop(0), ""
-        self._left, self._rows = tuple(left), len(self.session.path)
+        self._left, self._path = tuple(left), [self.belief.q]
         self._looks = 0
         self._open_before_release()
-        self.done_s.append(self.session.now_s)
+        self.done_s.append(self.belief.now_s)
         where = ""
         for carry in carries([task]).values():
             self._goals[carry.object] = carry
             where = f": {self._where(self._aimed(carry))}"
-        self.session.tell("task", f"{_name(task)} is done{where}")
+        self.belief.tell("task", f"{_name(task)} is done{where}")
         self._watch(task)
 
     def _open_before_release(self) -> None:
         """What is about to be released rests while the robot opens."""
-        objects = self.session.objects
+        objects = self.belief.objects
         if self._hold is not None and self._left and self._left[0].lets_go:
             if objects is not None and not objects.seen:
                 objects.poses = self.poses()
-            self._put_at = self.poses()[self._hold.object], self.session.q.copy()
+            self._put_at = self.poses()[self._hold.object], self.belief.q.copy()
             self._hold = None
 
     def _watch(self, before: Task | None) -> None:
@@ -356,7 +346,17 @@ class Mission:
             held = problem.objects[hold.object].at(hold.pose_in_b0)
             pieces = convex_parts(held.corners_m)
         world = world.with_values(obstacles=kept)
-        self.session.guard = Guard(problem, self._patience, world, pieces)
+        self.belief.guard = Guard(problem, self._patience, world, pieces)
+
+
+def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:
+    """Tasks that a path (m, 3 + n) has not done yet, in their order."""
+    for done, task in enumerate(tasks):
+        met = task.met(path[:, :POSE])
+        if not met.any():
+            return tasks[done:]
+        path = path[met.argmax() :]
+    return ()
 
 
 def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from twosra_mpc.errors import TwosraError
 from twosra_mpc.interrupts import Interrupts, deferred_interrupts, raised_interrupts
 from twosra_mpc.robot.coordinates import WHEELS, Array, Coordinates
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.validation import ArrayValue, NonNegative, Positive
 
 OfKind = tuple[NonNegative, NonNegative, NonNegative]
@@ -87,6 +88,30 @@ class Reading(ArrayValue):
         """Words for what is known about a segment (from 0)."""
         known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:z.1f} C"
         return f"segment {segment + 1} {known}"
+
+
+def still() -> Array:
+    """Wheel speeds of a robot that stands, (4,) [rad/s]."""
+    return np.zeros(WHEELS)
+
+
+@dataclass(frozen=True, eq=False)
+class Command(ArrayValue):
+    """Command: what a robot is to be told, until its controller has the next reading.
+
+    Attributes:
+        heater_setpoint_C: Temperature set-points of the segments, (n,).
+        at_most_s: Time after which the next reading is due; at rest it may come earlier.
+        wheel_rad_s: Wheel speeds, (4,).
+        mode: Mode in which the wheels are driven; None while they stand.
+        planned: Where the plan is now, (3 + n,); empty without one.
+    """
+
+    heater_setpoint_C: Array
+    at_most_s: float
+    wheel_rad_s: Array = field(default_factory=still)
+    mode: Mode | None = None
+    planned: Array = field(default_factory=lambda: np.empty(0))
 
 
 class RobotInterface(Protocol):

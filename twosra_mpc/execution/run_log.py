@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.arguments import public
+from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.run import (
+    CHANGING,
     FORMAT,
     FORMAT_VERSION,
     Change,
@@ -23,7 +26,6 @@ from twosra_mpc.execution.run import (
     RunLog,
     Verdict,
 )
-from twosra_mpc.execution.session import Session
 from twosra_mpc.files import check_kind, read_document, reading, write_json
 from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
@@ -32,6 +34,55 @@ from twosra_mpc.robot.coordinates import Array
 
 SAVED_EVERY_S = 10.0  # of a run under way, whenever it stands: a power cut costs no more
 _SHARE = 0.02  # of the time, at most, is spent on that
+
+_CODES: dict[KnownStiffness | None, float] = {
+    **{"rigid": 0.0, "changing": CHANGING, "soft": 1.0},
+    None: np.nan,
+}
+
+
+class RunRecord:
+    """Record of everything measured, believed and commanded.
+
+    Attributes:
+        controller: What drives the robot.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        """Nothing has happened yet."""
+        self.controller = controller
+        self._rows: list[tuple[object, ...]] = []  # in the order of the log's columns
+        coordinates = controller.belief.problem.robot.coordinates
+        self._unknown = np.full(coordinates.size, np.nan)
+        self._no_mode = (np.nan,) * coordinates.segments
+
+    def note(self) -> None:
+        """Note what was read, and the command given on it."""
+        belief = self.controller.belief
+        reading, command = belief.reading, belief.command
+        seen = reading.frames.mean(axis=0) if len(reading.frames) else self._unknown
+        stiffness = tuple(_CODES[now] for now in reading.stiffness)
+        planned = command.planned if command.planned.size else self._unknown
+        mode = self._no_mode if command.mode is None else command.mode
+        known = (reading.time_s, belief.q, seen, planned, reading.temperature_C, stiffness)
+        self._rows.append((*known, command.heater_setpoint_C, command.wheel_rad_s, mode))
+
+    def run(self, verdict: Verdict) -> Run:
+        """The run as it is written down up to now, with this verdict."""
+        belief = self.controller.belief
+        kinds = [event.kind for event in belief.events]
+        columns = (np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
+        return Run(
+            problem=belief.problem,
+            **verdict._asdict(),
+            error=belief.error,
+            replans=kinds.count("replan"),
+            corrections=kinds.count("correct"),
+            changes=tuple(belief.changes),
+            drives=tuple(belief.drives),
+            events=tuple(belief.events),
+            log=RunLog(*columns),
+        )
 
 
 class RunFile:
@@ -49,22 +100,22 @@ class RunFile:
             executed: By what.
         """
         self.path, self._plan, self._executed = path, plan, executed
-        self._session: Session | None = None
+        self._record: RunRecord | None = None
         self._due_s = time.monotonic() + SAVED_EVERY_S
 
-    def note(self, session: Session) -> None:
+    def note(self, record: RunRecord) -> None:
         """Look at a run after each of its commands."""
-        self._session = session
-        if session.stands and (begun_s := time.monotonic()) >= self._due_s:
+        self._record = record
+        if record.controller.belief.stands and (begun_s := time.monotonic()) >= self._due_s:
             self.end("the run was still under way")
             took_s = time.monotonic() - begun_s
             self._due_s = begun_s + max(SAVED_EVERY_S, took_s / _SHARE)
 
     def end(self, reason: str) -> None:
         """Write down a run that ended so, if it has begun."""
-        if self._session is not None:
+        if self._record is not None:
             verdict = Verdict(self._executed, Ending.LOGGED, reason, (self._plan,))
-            self.save(self._session.so_far(verdict))
+            self.save(self._record.run(verdict))
 
     def save(self, run: Run) -> None:
         """Write a run that has come to its own end."""

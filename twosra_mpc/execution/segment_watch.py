@@ -317,7 +317,7 @@ class SegmentWatch:
             if melts and abs(risen_K) < _SAME_K:
                 dead = "melt"
             if dead:
-                self.belief = belief.begun(here_C, here_C)  # one may go on without it
+                self.belief = None  # one may go on without it, and nobody knows its state
                 words = f"heating does not {dead} it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
         if self._asked == "soft" and here_C < low_C:

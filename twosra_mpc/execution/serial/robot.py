@@ -9,11 +9,10 @@ of a task is planned: firmware may take 3 s of silence for a dead host, and stop
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 
@@ -50,9 +49,6 @@ _STILL = np.zeros(WHEELS)
 _LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
 _LONGEST_REST_S = 0.2  # the follow-up robot reports once a second
 _SAME_TIME_S = 1e-6
-_JOIN_S = 0.01
-
-Made = TypeVar("Made")
 
 
 class PoseSource(Protocol):
@@ -299,32 +295,3 @@ class SerialRobot:
             if (report := parse_report(line, self._count)) is not None:
                 heard[report.segment].append(report.temperature_C)
         return heard
-
-
-@public
-def while_standing(work: Callable[[], Made], rest: Callable[[], None]) -> Made:
-    """Have something computed while the robot is told again and again to stand.
-
-    An interrupt, or trouble with the robot, leaves the computation behind.
-
-    Args:
-        work: What to compute, in a thread of its own.
-        rest: Lets the robot stand for a moment; raises if it has to be stopped.
-    """
-    made: list[Made] = []
-    failures: list[BaseException] = []
-
-    def compute() -> None:
-        try:
-            made.append(work())
-        except BaseException as error:
-            failures.append(error)
-
-    thread = threading.Thread(target=compute, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        rest()
-        thread.join(_JOIN_S)
-    if failures:
-        raise failures[0]
-    return made[0]

@@ -15,17 +15,20 @@ from typing import NamedTuple
 from twosra_mpc.arguments import Word, public
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
-from twosra_mpc.execution.executor import Executor
+from twosra_mpc.execution.belief import Belief
+from twosra_mpc.execution.controller import Controller
+from twosra_mpc.execution.executor import plan_controller, run_controller
+from twosra_mpc.execution.playing import Playing
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.run import Ending, Executed, Run, Verdict
-from twosra_mpc.execution.run_log import RunFile
-from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
+from twosra_mpc.execution.run import Executed, Run
+from twosra_mpc.execution.run_log import RunFile, RunRecord
 from twosra_mpc.execution.serial.port import Clock, Port, SteppedClock
 from twosra_mpc.execution.serial.pose_lines import PoseLines
-from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected, while_standing
-from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
+from twosra_mpc.execution.think_aside import ThinkAside
 from twosra_mpc.interrupts import deferred_interrupts
+from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
 
@@ -224,21 +227,11 @@ class _Stream:
 
     def _played(self, robot: SerialRobot) -> Run:
         """Send the plan as it is."""
-        session = Session(
-            robot,
-            self.plan.problem,
-            self._tell,
-            patience=robot.patience,
-            sighted=False,
-            reports=robot.reports,
+        belief = Belief(
+            self.plan.problem, robot.camera, robot.patience, sighted=False, reports=robot.reports
         )
-        feedback = ByReports() if robot.reports else ByClock()
-        runner = PlanRunner(session, self.plan, feedback, robot.patience)
-        if (left := runner.follow()) is not None:
-            raise RobotError(left.text)
-        begun = (runner.schedule.begun(runner.progress),)
-        reason = "the plan was sent to its end"
-        return session.finish(Verdict("stream", Ending.LOGGED, reason, (self.plan,), begun))
+        policy = Playing(belief, self.plan, robot.patience, reports=robot.reports)
+        return run_controller(robot, Controller(belief, policy), self._tell)
 
     def _tracked(self, robot: SerialRobot, poses: PoseLines) -> Run:
         """Follow the plan by what is seen, to its goal."""
@@ -246,7 +239,8 @@ class _Stream:
         settings = ExecutorSettings(
             patience=robot.patience, dead_zone_rad_s=robot.robot.limits.wheel_speed_min_rad_s
         )
-        return Executor(robot, settings, self._tell, while_standing).run(self.plan)
+        controller = plan_controller(self.plan, robot.camera, settings, ThinkAside(find_plan))
+        return run_controller(robot, controller, self._tell)
 
     def _check_place(self, frames: Array, patience: Patience) -> None:
         """Refuse a robot that is seen (k, 3 + n) farther from the plan's start than it may be.
@@ -262,12 +256,11 @@ class _Stream:
                 f"the robot is seen {away}: are poses in m and rad, and in the plan's frame?"
             )
 
-    def _tell(self, session: Session) -> None:
+    def _tell(self, record: RunRecord) -> None:
         """Note a command."""
-        self.during, reading = session.during, session.reading
-        reported = None not in reading.stiffness
-        words = ", ".join(map(reading.describe, range(len(reading.stiffness))))
-        known = words if reported else "by the plan's times"
+        controller = record.controller
+        self.during, reading = controller.policy.during, controller.belief.reading
+        known = "by the plan's times" if None in reading.stiffness else controller.belief.known
         if self.file is not None:
-            self.file.note(session)
+            self.file.note(record)
         self.on_state(StreamState(self.clock.now_s(), self.during, known))

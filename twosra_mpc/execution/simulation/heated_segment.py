@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twosra_mpc.control.controller import Event, StiffnessController
 from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.control.stiffness_controller import Event, StiffnessController
 from twosra_mpc.control.thermistor import TemperatureSensor
 from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.model import SegmentModel

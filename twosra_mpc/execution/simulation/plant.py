@@ -7,14 +7,14 @@ of camera, sensors and wheels comes from another stream of the same seed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twosra_mpc.arguments import check_size, public
-from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
@@ -23,6 +23,7 @@ from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, Heate
 from twosra_mpc.execution.simulation.motion import Motion, PathMotion, PhysicsMotion
 from twosra_mpc.keys import near_word
 from twosra_mpc.physics.engine import Engine
+from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
@@ -148,6 +149,7 @@ class SimulatedRobot:
         self._on_the_way: list[tuple[int, Array, Array | None]] = []
         self._object_noise = np.random.default_rng([seed, 2])
         self._told: list[tuple[object, ...]] = []
+        self._thought: tuple[Result, float] | None = None
         self._photograph(1)
         self._note()
 
@@ -208,12 +210,14 @@ class SimulatedRobot:
             self._photograph(ticks)
         self._note()
 
-    def meanwhile(self, work: Callable[[], Result], rest: Callable[[], None]) -> Result:
-        """Plan, while time passes for the robot; the last command stays in force."""
-        del rest
-        result, end_s = work(), self.time_s + self._disturbance.planning_s
-        while (left_s := end_s - self.time_s) > _INSTANT_S:
-            self.wait(left_s)
+    def think(self, problem: Problem) -> Result | None:
+        """Plan while time passes for the robot; None as long as the disturbance says it takes."""
+        if self._thought is None:
+            self._thought = find_plan(problem), self.time_s + self._disturbance.planning_s
+        result, end_s = self._thought
+        if end_s - self.time_s > _INSTANT_S:
+            return None
+        self._thought = None
         return result
 
     def truth(self) -> Truth:

@@ -13,8 +13,7 @@ import numpy as np
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.executor import Executor
-from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.executor import Executor, GreedyExecutor
 from twosra_mpc.execution.mission import away
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
@@ -244,7 +243,7 @@ def simulate(
         made = plan or find_plan(problem).require()
         if made.problem != problem:
             raise InputError("plan", made, "a plan of this very problem: plan(problem).require()")
-        run = Executor(robot, chosen, meanwhile=robot.meanwhile).run(made)
+        run = Executor(robot, chosen, think=robot.think).run(made)
     truth = robot.truth()
     near = closest_approach(problem.world, robot.geometry, truth)
     return Simulation(plant, disturbance, seed, run, truth, near)

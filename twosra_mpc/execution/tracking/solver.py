@@ -144,6 +144,15 @@ class ProgramInPlace:
         if self.program.setup.outputs.bending:
             self._y[-1] = -self._cost[-1]  # the multiplier of a slack that is zero
 
+    @property
+    def solution(self) -> tuple[Array, Array]:
+        """Warm start of the next program: primal and dual variables of the last."""
+        return self._x.copy(), self._y.copy()
+
+    def start_from(self, solution: tuple[Array, Array]) -> None:
+        """Warm-start the next program from a solution of another process."""
+        self._x[:], self._y[:] = solution
+
     def solve(self) -> Quality:
         """Linearise, solve, and find ``v`` and ``command``; these mean nothing if unusable.
 

@@ -1,4 +1,4 @@
-"""Running a plan by a camera: phases are tracked, looked at when they end, and judged.
+"""Driving a phase by what the camera sees: it is tracked, looked at when it ends, and judged.
 
 Whatever can be corrected later is left; what cannot, because a segment would have to melt again, is
 predicted, and the plan is given up as soon as that is certain.
@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.execution.doubt import DoubtError
-from twosra_mpc.execution.mission import Mission
-from twosra_mpc.execution.runner import Abort, ByReports, PlanRunner
+from twosra_mpc.execution.controller import Looking, Next, rest
+from twosra_mpc.execution.course import Abort
+from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
-from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
+from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
+
+if TYPE_CHECKING:
+    from twosra_mpc.execution.following import Following
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
 _STIFF = 0.7  # of the bend: soft segments differ by up to 0.44 of it, a stiff one by all of it
@@ -43,7 +46,7 @@ class Pulses:
             return wheel_rad_s
         self._owed += fastest / self._least
         if self._owed < 1.0:
-            return np.zeros(4)
+            return still()
         self._owed -= 1.0
         return wheel_rad_s * (self._least / fastest)
 
@@ -53,121 +56,127 @@ class Pulses:
         return wheel_rad_s * max(1.0, self._least / fastest) if fastest else wheel_rad_s
 
 
-class ByCamera(ByReports):
-    """Heaters and phases as by reports; the wheels by what the camera sees."""
+class Driving:
+    """One phase on its way, and again while looks say that it comes nearer to its end."""
 
-    def __init__(self, plan: Plan, tracker: Tracker, pulses: Pulses, mission: Mission) -> None:
-        """Make ready to run a plan.
-
-        Args:
-            plan: The plan.
-            tracker: A tracker of its robot.
-            pulses: What is done about the drives' dead zone.
-            mission: Judges its tasks.
-        """
-        self.tracker, self.pulses, self.mission = tracker, pulses, mission
-        tracker.reset(plan)
-
-    def arrived(self, run: PlanRunner) -> Abort | None:
-        """Look whether the tasks are done whose time has come."""
-        return self.mission.arrived(run.clock_s)
-
-    def drive(self, run: PlanRunner, index: int) -> Abort | None:
-        """Drive a phase, and again while looks say that it comes nearer to where it should be."""
-        return _TrackedPhase(self, run, index).drive()
-
-
-class _TrackedPhase:
-    """One phase on its way."""
-
-    def __init__(self, by: ByCamera, run: PlanRunner, index: int) -> None:
-        self.by, self.run, self.index = by, run, index
-        self.session, self.patience = run.session, run.patience
-        self.phase, self.mission = run.plan.phases[index], by.mission
+    def __init__(self, run: Following, index: int) -> None:
+        """Begin a phase; the robot is in its mode."""
+        self.run, self.index, self.belief = run, index, run.belief
+        self.course, self.patience, self.mission = run.course, run.patience, run.mission
+        plan = run.course.plan
+        self.phase = plan.phases[index]
         self.rigid = is_rigid(self.phase.mode)
         self.bends, self.last = self._goes_on()
-        modes = [phase.mode for phase in run.plan.phases[index:]]
+        modes = [phase.mode for phase in plan.phases[index:]]
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
-        self.scale = self.session.accuracy.scale(run.plan.robot.coordinates)
-        self.begun = run.session.q.copy()
+        self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
+        self.begun = self.belief.q.copy()
+        self._before = self._best = math.inf
+        self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
+        self._stood_s: float | None = None  # since when its mode is lost
+        self._blind_until_s: float | None = None
 
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
 
         So it is before a bend, where a task is done, and at the end.
         """
-        phases = self.run.plan.phases
+        phases = self.course.plan.phases
         if self.index == len(phases) - 1:
             return False, True
         after = phases[self.index + 1]
         bends = self.mission.rests and self.rigid and not is_rigid(after.mode)
         return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
 
-    def drive(self) -> Abort | None:
-        before = off = math.inf
-        while off > self._near_enough() and off <= self.patience.nearer * before:
-            if (left := self._travel()) is not None:
-                return left
-            self._look()
-            before, off = off, self._off()
-        if not self.rigid:
-            return self._judge()
-        away = self.session.q - self.run.planned
-        away[2] = math.remainder(float(away[2]), math.tau)
-        off = self.session.accuracy.of_pose(away)
-        if self.bends and off > 1.0:
-            return Abort("corridor", "the robot is not where it is to bend")
-        return None
+    def advance(self) -> Next:
+        """Drive for a period, stand while that is not possible, or end."""
+        belief, course, run = self.belief, self.course, self.run
+        self.mission.see()
+        if (standing := self._standing()) is not None:
+            return standing
+        planned, off, over = course.planned, self._off(), course.clock_s >= self.phase.end_s
+        if (over and off <= self._near_enough()) or self._left_s <= 0.0:
+            return self.ended()
+        if (abort := self._outside(planned) or self.mission.dropped()) is not None:
+            return run.left(abort)
+        time_s = course.clock_s + (belief.camera.period_s if over else 0.0)  # then the path rests
+        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen)).wheel_rad_s
+        # All time that passes until bends are right is time that metal does not freeze.
+        shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
+        period_s, mode = belief.camera.period_s, self.phase.mode
+        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned)
+        if not over:
+            pace = min(1.0, self.patience.tube / off) if off else 1.0
+            course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
+        self._left_s -= period_s
+        if not over or off < self.patience.stuck * self._best:
+            self._left_s, self._best = self.patience.come_nearer_s, off
+        return command
 
-    def _travel(self) -> Abort | None:
-        """Track the phase until it ends where it should, or comes no nearer."""
-        run, session, phase = self.run, self.session, self.phase
-        left_s, best = self.patience.come_nearer_s, math.inf  # of driving: looks do not count
-        while left_s > 0.0:
-            if (left := run.wait_for(phase.mode, run.clock_s, held=phase.mode)) is not None:
-                return left
-            if (left := self._unseen()) is not None:
-                return left
-            planned, off, over = run.planned, self._off(), run.clock_s >= phase.end_s
-            if over and off <= self._near_enough():
-                return None
-            if (left := self._outside(planned)) is not None:
-                return left
-            if (left := self.mission.dropped()) is not None:
-                return left
-            time_s = run.clock_s + (session.period_s if over else 0.0)  # then the path rests
-            command = self.by.tracker.step(Measurement(time_s, self.index, self._seen))
-            # All time that passes until bends are right is time that metal does not freeze.
-            shape = self.by.pulses.brisk if over and not self.rigid else self.by.pulses.shape
-            wheels = shape(command.wheel_rad_s)
-            try:
-                session.drive(phase.mode, wheels, run.setpoint_C, planned)
-            except DoubtError:
-                if self.rigid or not self.mission.closes:
-                    raise
-                return None  # what it closes round may keep it from bending
-            if not over:
-                pace = min(1.0, self.patience.tube / off) if off else 1.0
-                run.clock_s = min(run.clock_s + pace * session.period_s, phase.end_s)
-            left_s -= session.period_s
-            if not over or off < self.patience.stuck * best:
-                left_s, best = self.patience.come_nearer_s, off
-        return None
-
-    def _unseen(self) -> Abort | None:
-        """Stand while nothing sees the robot, but not for long."""
-        session = self.session
-        if session.seen(self.run.setpoint_C, self.run.planned):
+    def _standing(self) -> Next | None:
+        """What to do while the robot is not in the phase's mode, or nothing sees it."""
+        belief, course, mode = self.belief, self.course, self.phase.mode
+        lost = belief.mode != mode
+        if self._stood_s is None or not lost:
+            self._stood_s = belief.now_s
+        if (abort := course.broken(mode, belief.now_s - self._stood_s)) is not None:
+            return self.run.left(abort)
+        if lost:
+            held_C = course.held(self.run.setpoint_C, mode)
+            return rest(belief, held_C, self.patience.rest_s, course.planned)
+        if belief.unseen_s <= belief.blind_s:
+            self._blind_until_s = None
             return None
-        return Abort("camera", session.unseen)
+        if self._blind_until_s is None:
+            self._blind_until_s = belief.now_s + 2 * self.patience.unseen_s - belief.blind_s
+        if belief.now_s >= self._blind_until_s:
+            return self.run.left(Abort("camera", belief.unseen))
+        return rest(belief, self.run.setpoint_C, belief.camera.period_s, course.planned)
 
-    def _look(self) -> None:
+    def ended(self) -> Next:
         """Average camera frames at rest, where the end of the phase matters for the goal."""
         scale = self.patience.certain * self.scale
         if not self.rigid:
             scale[:POSE] = math.inf  # poses are corrected when everything is solid
         if self.last or not self.rigid:
-            self.session.average(self.run.setpoint_C, scale, self.patience.look_s)
+            return Looking(self.belief, scale, self.patience.look_s, self._looked)
+        return self._looked()
+
+    def _looked(self) -> Next:
+        before, self._before = self._before, self._off()
+        if self._near_enough() < self._before <= self.patience.nearer * before:
+            self._left_s, self._best = self.patience.come_nearer_s, math.inf
+            return self
+        return self._judged_pose() if self.rigid else self._judged_bends()
+
+    def _judged_pose(self) -> Next:
+        away = self.belief.q - self.course.planned
+        away[2] = math.remainder(float(away[2]), math.tau)
+        if self.bends and self.belief.accuracy.of_pose(away) > 1.0:
+            return self.run.left(Abort("corridor", "the robot is not where it is to bend"))
+        return self.run.phase_done(self.index)
+
+    def _judged_bends(self) -> Next:
+        """Judge whether the phases to come lead to the goal's curvatures from here, as they are."""
+        if self.mission.closes:
+            return self.run.phase_done(self.index)
+        patience, share = self.patience, self.belief.accuracy.of_shape(self._predicted_miss())
+        if abs(share - ACCEPTED) >= patience.doubtful:
+            return self._judged_miss()
+        scale = patience.certain_of_a_melt * self.scale
+        scale[:POSE] = math.inf
+        return Looking(self.belief, scale, patience.long_look_s, self._judged_miss)
+
+    def _judged_miss(self) -> Next:
+        missed, patience = self._predicted_miss(), self.patience
+        if self.belief.accuracy.of_shape(missed) <= ACCEPTED:
+            return self.run.phase_done(self.index)
+        bends = " and ".join(f"{kappa:+z.1f}" for kappa in missed[POSE:].tolist())
+        far = bool(np.abs(missed[POSE:]).max() > patience.stiff_per_m)
+        bent = self.belief.doubt is not None and self.belief.doubt.each_bends
+        text = f"the plan would miss the curvatures by {bends} 1/m"
+        stiff = far and not bent
+        return self.run.left(Abort("corridor", text, stiff=stiff, missed=self.phase.mode))
 
     @property
     def _seen(self) -> Array:
@@ -176,20 +185,20 @@ class _TrackedPhase:
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
         """
-        q = self.session.q.copy()
+        q = self.belief.q.copy()
         if not self.rigid:
-            away = (q - self.run.planned)[POSE:]
+            away = (q - self.course.planned)[POSE:]
             q[POSE:][self.soft] += away[self.settling].mean() - away[self.soft].mean()
         return q
 
     def _off(self) -> float:
         """Deviation of what the phase controls from the plan, in units of the accuracy."""
-        return float(np.abs(self._outputs(self._seen - self.run.planned)).max())
+        return float(np.abs(self._outputs(self._seen - self.course.planned)).max())
 
     def _near_enough(self) -> float:
         """Deviation at which the phase may end: no finer than what is believed is certain."""
         patience = self.patience
-        certain = 2 * float(np.abs(self._outputs(self.session.deviation)).max())
+        certain = 2 * float(np.abs(self._outputs(self.belief.deviation)).max())
         loose = patience.loose if self.rigid and not self.last else 1.0
         return min(patience.near_enough * loose, max(certain, patience.finest))
 
@@ -206,53 +215,34 @@ class _TrackedPhase:
 
     def _outside(self, planned: Array) -> Abort | None:
         """True if a rigid robot has left the corridor, or soft segments have bent apart."""
-        session, patience = self.session, self.patience
-        away, soft = session.q - planned, self.soft
+        belief, patience = self.belief, self.patience
+        away, soft = belief.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
         lost = far_m > patience.corridor_m or abs(turn) > patience.corridor_rad
-        if session.guard is not None:
-            lost = session.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
+        if belief.guard is not None:
+            lost = belief.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
         if self.rigid and lost:
             text = f"the robot is {1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad from the plan"
             return Abort("corridor", text)
         if not soft:
             return None
         apart = float(np.ptp(away[POSE:][soft])) / 2
-        bent = abs(float((session.q - self.begun)[POSE:][soft].mean()))
+        bent = abs(float((belief.q - self.begun)[POSE:][soft].mean()))
         if apart > max(patience.stiff_per_m, _STIFF * bent):
             text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
             return Abort("corridor", text, stiff=True, missed=self.phase.mode)
         return None
 
-    def _judge(self) -> Abort | None:
-        """True if the phases to come lead to the goal's curvatures from here, as they are."""
-        if self.mission.closes:
-            return None
-        patience, accuracy = self.patience, self.session.accuracy
-        missed = self._predicted_miss()
-        if abs(accuracy.of_shape(missed) - ACCEPTED) < patience.doubtful:
-            scale = patience.certain_of_a_melt * self.scale
-            scale[:POSE] = math.inf
-            self.session.average(self.run.setpoint_C, scale, patience.long_look_s)
-            missed = self._predicted_miss()
-        if accuracy.of_shape(missed) <= ACCEPTED:
-            return None
-        bends = " and ".join(f"{kappa:+z.1f}" for kappa in missed[POSE:].tolist())
-        far = bool(np.abs(missed[POSE:]).max() > patience.stiff_per_m)
-        stiff = far and not self.session.each_bends
-        text = f"the plan would miss the curvatures by {bends} 1/m"
-        return Abort("corridor", text, stiff=stiff, missed=self.phase.mode)
-
     def _predicted_miss(self) -> Array:
         """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""
-        plan, until_s = self.run.plan, self.mission.matters_s
-        rest = [phase for phase in plan.phases[self.index + 1 :] if phase.end_s <= until_s]
-        times = [self.run.clock_s, *(item.end_s for item in rest)]
-        path, modes = plan.trajectory.configuration(times), [item.mode for item in rest]
-        kappa = predicted_curvatures(plan.robot, self.session.q, list(path), modes)
+        plan, until_s = self.course.plan, self.mission.matters_s
+        later = [phase for phase in plan.phases[self.index + 1 :] if phase.end_s <= until_s]
+        times = [self.course.clock_s, *(item.end_s for item in later)]
+        path, modes = plan.trajectory.configuration(times), [item.mode for item in later]
+        kappa = predicted_curvatures(plan.robot, self.belief.q, list(path), modes)
         if math.isfinite(until_s):
             return np.concatenate([np.zeros(POSE), kappa - path[-1, POSE:]])
-        return self.session.goal.error(np.concatenate([path[-1, :POSE], kappa]))
+        return self.belief.goal.error(np.concatenate([path[-1, :POSE], kappa]))
 
 
 def settling(modes: Sequence[Mode]) -> list[int]:

@@ -1,0 +1,372 @@
+"""Belief: what is known of a robot after each reading, and after each command given to it."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
+from twosra_mpc.execution.doubt import Doubt
+from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
+from twosra_mpc.execution.objects_seen import ObjectsSeen
+from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
+from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
+from twosra_mpc.execution.segment_watch import SegmentWatch
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.model.rolling import NO_DRIFT, rolling
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode, is_rigid
+
+_LATELY = 3  # periods whose motion the guard expects to go on
+_BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
+_STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
+
+
+class Belief:
+    """Belief about a robot, by all that was read and commanded so far.
+
+    Attributes:
+        problem: What was asked.
+        camera: What sees the robot.
+        reading: The last reading, with those of its frames that are believed.
+        accuracy: How near to the goal is near enough.
+        objects: Where objects are seen, if there are any.
+        guard: What keeps the robot clear of what is around it, if anything is.
+        command: The last command; its set-points are those asked for.
+        events: What happened.
+        changes: Melts and freezes so far.
+        drives: When the robot was driven.
+        doubt: About bends that are not seen; None of a robot that nothing sees.
+        doubtful: True if it must stand and be looked at for that.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        camera: Camera,
+        patience: Patience,
+        *,
+        guard: Guard | None = None,
+        sighted: bool = True,
+        reports: bool = True,
+    ) -> None:
+        """The robot is where the problem starts; nothing has been read yet.
+
+        Args:
+            problem: What is asked.
+            camera: What sees the robot, or the rate of its commands alone.
+            patience: How long frames and reports are waited for.
+            guard: What keeps it clear of what is around it.
+            sighted: True if it is driven by what a camera sees.
+            reports: True if temperatures must be reported.
+        """
+        robot, segments = problem.robot, range(problem.robot.coordinates.segments)
+        start_C = problem.temperatures
+        self.problem, self.camera, self.guard, self._patience = problem, camera, guard, patience
+        self.accuracy, self.goal = robot.ends_within, problem.judged_goal
+        self.objects = ObjectsSeen(problem) if problem.objects else None
+        self.doubt = Doubt(robot.geometry.lengths_m) if sighted else None
+        self.doubtful = False
+        self.events, self.changes, self.drives = list[RunEvent](), list[Change](), list[Drive]()
+        self._watches = [
+            SegmentWatch(
+                robot,
+                problem.ambient,
+                j,
+                patience,
+                reports=reports,
+                start_C=start_C[j],
+            )
+            for j in segments
+        ]
+        off_C = np.full(len(segments), robot.heater.rigid_setpoint_C)
+        self.command = Command(off_C, 0.0)
+        unread, size = (None,) * len(segments), robot.coordinates.size
+        self.reading = Reading(
+            np.nan,
+            np.empty(0),
+            np.empty((0, size)),
+            (np.nan,) * len(segments),
+            unread,
+            (False,) * len(segments),
+        )
+        self._filter = CameraFilter(camera, problem.start.configuration, 0.0)
+        self._newest_s = self._seen_s = -np.inf
+        self._compared: tuple[Mode | None, Array] = None, self.q
+        self._stood, self._silent, self._heard_s = 0, False, np.nan
+        self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
+
+    # What is believed.
+
+    @property
+    def now_s(self) -> float:
+        """Time of the last reading."""
+        return self.reading.time_s
+
+    @property
+    def setpoint_C(self) -> Array:
+        """Set-points last asked for, (n,)."""
+        return self.command.heater_setpoint_C
+
+    @property
+    def stands(self) -> bool:
+        """True if the wheels were last told to stand."""
+        return not self.command.wheel_rad_s.any()
+
+    @property
+    def q(self) -> Array:
+        """Configuration believed, (3 + n,)."""
+        return self._filter.q
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of what is believed, (3 + n,)."""
+        return self._filter.deviation
+
+    @property
+    def frame_deviation(self) -> Array:
+        """Standard deviation of one frame, (3 + n,)."""
+        return np.sqrt(self.camera.variance(self.problem.robot.coordinates))
+
+    @property
+    def error(self) -> Array:
+        """Distance to the goal as believed, (3 + n,)."""
+        return self.goal.error(self.q.copy())
+
+    @property
+    def where(self) -> str:
+        """Distance to the goal in words."""
+        return self.accuracy.describe(self.error)
+
+    @property
+    def mode(self) -> Mode | None:
+        """Mode the robot is in; None while a segment is changing or not known."""
+        reported = self.reading.stiffness
+        if not set(reported) <= {"soft", "rigid"}:
+            return None
+        return tuple(int(now == "soft") for now in reported)
+
+    @property
+    def known(self) -> str:
+        """What is known about the segments, in words."""
+        return ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
+
+    def in_vain_s(self, segment: int) -> float:
+        """Time that a segment (from 0) has been asked for what it is not."""
+        return self.now_s - self._since[segment]
+
+    @property
+    def unseen_s(self) -> float:
+        """Time since the last camera frame came in; infinite before the first."""
+        return self.now_s - self._seen_s
+
+    @property
+    def unseen(self) -> str:
+        """Time without a frame, in words."""
+        since = f"for {self.unseen_s:z.0f} s" if np.isfinite(self.unseen_s) else "at all"
+        hangs = ", but always the same picture" if self._filter.frozen else ""
+        return f"no camera frame {since}{hangs}"
+
+    @property
+    def blind_s(self) -> float:
+        """Time without a frame after which the wheels stand."""
+        return max(self._patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
+
+    def sure(self, scale: Array) -> bool:
+        """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
+        lately = self.unseen_s <= self._patience.unseen_s
+        return lately and bool((self.deviation <= self._patience.known * scale).all())
+
+    def ending_unseen(self, left: bool) -> tuple[Ending, str]:
+        """Ending of a run whose robot is not seen, or badly; ``left``: something is left to do."""
+        where = f"{self.where} as believed"
+        if left or not self.accuracy.surely(self.error):
+            return Ending.CAMERA_LOST, f"{self.unseen}; {where}"
+        known = f"not seen for {self.unseen_s:z.1f} s"
+        if self.unseen_s <= self._patience.unseen_s:
+            known = f"seen too badly, give or take {self.accuracy.describe(self.deviation)}"
+        return Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
+
+    def tell(self, kind: EventKind, text: str) -> None:
+        """Note an event."""
+        self.events.append(RunEvent(self.now_s, kind, text))
+
+    def doubt_segments(self, segments: tuple[int, ...]) -> None:
+        """Believe no longer that these (from 0) are soft when their sensors say so."""
+        for segment in segments:
+            self._watches[segment].doubted = True
+
+    # Readings.
+
+    def take(self, reading: Reading) -> None:
+        """Take in what was read after the last command.
+
+        Raises:
+            RobotError: If the robot's clock does not go on, or it has fallen silent.
+            SegmentError: If something is wrong with a segment.
+            DoubtError: If the robot does not move as it is commanded.
+        """
+        begun_s, self.reading, self.doubtful = self.now_s, usable(reading, self._newest_s), False
+        if np.isnan(begun_s):
+            self._begin()
+            return
+        self._check_clock(self.now_s - begun_s)
+        mode, before = self.command.mode, self.q.copy()
+        turned = self.command.wheel_rad_s * (self.now_s - begun_s)
+        after = before if mode is None else self._rolled(mode, before, turned)
+        if mode is not None and self.drives and self.drives[-1].mode != mode:
+            self._filter.forget_response()
+        self._filter.predict(self.now_s, after - before, self.problem.robot.geometry.lengths_m)
+        self._look()
+        self._listen()
+        self._note_changes()
+        if mode is not None:
+            self._note_drive(mode, begun_s)
+            self._compare(mode, before, after)
+
+    def _begin(self) -> None:
+        """The first reading; the robot has not been told anything yet."""
+        self._filter = CameraFilter(self.camera, self.problem.start.configuration, self.now_s)
+        self._heard_s, self._since = self.now_s, [self.now_s] * len(self._watches)
+        self._told, self._last_known = self.reading.stiffness, list(self.reading.stiffness)
+        self._look()
+
+    def _check_clock(self, passed_s: float) -> None:
+        """Without a clock nothing would ever be late, or lost."""
+        self._stood = 0 if passed_s else self._stood + 1
+        if passed_s < 0.0:
+            raise RobotError(f"the robot's clock goes back, by {-passed_s:zg} s")
+        if self._stood >= _STOOD:
+            raise RobotError(f"the robot's clock stands still, at {self.now_s:zg} s")
+
+    def _look(self) -> None:
+        """Take in the frames of the last reading; from now on it has those that are believed."""
+        taken_s = self.reading.taken_s
+        if not len(taken_s):
+            return
+        self._newest_s = float(taken_s[-1])
+        believed = self._filter.correct(taken_s, self.reading.frames)
+        self.reading = only(self.reading, believed)
+        if self.objects is not None:
+            self.objects.take(self.reading.frames, self.reading.objects)
+        if believed.any():
+            self._seen_s = self.now_s
+
+    def _listen(self) -> None:
+        """Take in what the segments report; a silent robot is waited for while it stands."""
+        reading = self.reading
+        unread = np.isnan(reading.temperature_C) | [now is None for now in reading.stiffness]
+        if self.doubt is None or len(reading.frames) or not unread.all():
+            self._heard_s = self.now_s
+            self._watch()
+        elif (silent_s := self.now_s - self._heard_s) > self._patience.outage_s:
+            raise RobotError(f"the robot has been silent for {silent_s:z.0f} s")
+
+    @property
+    def silent(self) -> bool:
+        """True if the last reading held nothing."""
+        return self._heard_s < self.now_s
+
+    def _watch(self) -> None:
+        """Look at what the segments report; nobody believes in "soft" without enough heat."""
+        reading, self._told = self.reading, self.reading.stiffness
+        current_A = reading.current_A or (None,) * len(self._watches)
+        known = zip(
+            reading.temperature_C, reading.stiffness, reading.faulty, current_A, strict=True
+        )
+        for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, known, strict=True):
+            watch.take(self.now_s, float(asked_C), *of_segment)
+        believed = tuple(
+            "changing" if now == "soft" and not watch.may_be_soft else now
+            for watch, now in zip(self._watches, reading.stiffness, strict=True)
+        )
+        if believed != reading.stiffness:
+            self.reading = replace(reading, stiffness=believed)
+
+    def _note_changes(self) -> None:
+        """Write down each segment that has become soft or rigid, and was not so before."""
+        soft_C = self.problem.robot.heater.soft_setpoint_C
+        for segment, now in enumerate(self.reading.stiffness):
+            if self._told[segment] == ("soft" if self.setpoint_C[segment] >= soft_C else "rigid"):
+                self._since[segment] = self.now_s
+            if now is None or now == "changing" or now == self._last_known[segment]:
+                continue
+            if self._last_known[segment] != "changing":
+                self.changes.append(Change(self.now_s, segment + 1, now))
+                self.tell("confirmed", f"segment {segment + 1} is {now}")
+            self._last_known[segment] = now
+
+    def _note_drive(self, mode: Mode, begun_s: float) -> None:
+        if self._goes_on(mode, begun_s):
+            self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
+        else:
+            self.drives.append(Drive(mode, begun_s, self.now_s))
+
+    def _goes_on(self, mode: Mode, time_s: float) -> bool:
+        """True if a drive at this time continues the last one."""
+        return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
+
+    def _compare(self, mode: Mode, before: Array, after: Array) -> None:
+        """Doubt a robot that does not do what it is told; frames are late, so rests count too."""
+        if self.doubt is None:
+            return
+        told_in, seen_at = self._compared
+        seen = self.q - (seen_at if told_in == mode else before)
+        self._compared = mode, self.q.copy()
+        self.doubtful = self.doubt.take(self.now_s, mode, after - before, seen)
+
+    def seen_at_rest(self) -> Array:
+        """Change of q since the robot was compared last with what it was told, (3 + n,)."""
+        mode, before = self._compared
+        self._compared = mode, self.q.copy()
+        change: Array = self.q - before
+        return change
+
+    def _rolled(self, mode: Mode, q: Array, turned: Array) -> Array:
+        after: Array = rolling(self.problem.robot, mode)(q, turned, NO_DRIFT).full().ravel()
+        return after
+
+    # Commands.
+
+    def give(self, command: Command) -> Command:
+        """Note a command; the one to be sent has set-points that the segments' sensors allow.
+
+        Raises:
+            TooNearError: If the robot would come too near to something.
+        """
+        if command.mode is not None:
+            self._keep_clear(command.mode, command.wheel_rad_s)
+        self._lately.append((self.now_s, self.q))
+        setpoint_C = command.heater_setpoint_C
+        watched = zip(self._watches, setpoint_C, strict=True)
+        allowed_C = np.array([watch.allowed_C(float(asked_C)) for watch, asked_C in watched])
+        for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
+            self._since[segment] = self.now_s
+        self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
+        return replace(command, heater_setpoint_C=allowed_C)
+
+    def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
+        """Refuse to drive nearer to something than the guard allows, or into itself."""
+        guard = self.guard
+        if guard is not None and (guard.fresh or not self._goes_on(mode, self.now_s)):
+            guard.begin(self.q)
+        if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
+            return
+        ahead_s = (1 + COASTING) * self.camera.period_s
+        told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
+        places = np.array([self.q, told, self.q + ahead_s * self._rate()])
+        if guard is not None and guard.forbids(mode, places, self.deviation):
+            raise TooNearError(f"stopped {guard.describe(self.q)}")
+        if not is_rigid(mode) and bends_into_itself(self.problem.robot, self.q, places):
+            raise MeetsItselfError("stopped, for parts of the robot would meet")
+
+    def _rate(self) -> Array:
+        """Rate of motion in the last periods, as believed, (3 + n,) [1/s]."""
+        if not self._lately:
+            return np.zeros(POSE + len(self._watches))
+        time_s, q = self._lately[0]
+        passed_s = self.now_s - time_s
+        return (self.q - q) / passed_s if passed_s > 0 else np.zeros_like(self.q)

@@ -1,0 +1,204 @@
+"""The controller of a robot, as a step: a reading in, a command out.
+
+It waits for nothing, knows no clock but the readings', and keeps no thread: what calls it sends the
+command, lets time pass, and reads. Its state is its belief and one activity, which is a value too:
+`pickle` keeps a controller, also while metal changes, and another process goes on with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from twosra_mpc.arguments import public
+from twosra_mpc.execution.belief import Belief
+from twosra_mpc.execution.doubt import DoubtError
+from twosra_mpc.execution.guard import TooNearError
+from twosra_mpc.execution.robot_interface import Command, Reading
+from twosra_mpc.execution.run import Verdict
+from twosra_mpc.execution.segment_watch import SegmentError
+from twosra_mpc.robot.coordinates import Array
+
+Trouble = SegmentError | DoubtError | TooNearError
+
+_LOOK_PERIODS = 3  # of the camera, between two looks at a robot at rest
+_LOOK, _LOOK_S = 0.15, 3.0  # at what may not bend: of a frame's deviation, and for so long
+_LOOK_AGAIN = 0.07  # the same before it is doubted; four times as many frames take as much longer
+_STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
+
+
+class Activity(Protocol):
+    """What a controller is at; a value."""
+
+    def advance(self) -> Next:
+        """The next command, or what to do instead."""
+
+
+Next = Command | Activity | Verdict
+
+
+class Policy(Protocol):
+    """What is done: a plan that is followed, the greedy rule, a plan that is played."""
+
+    during: str
+
+    def begin(self) -> Activity:
+        """What to do at first."""
+
+    def troubled(self, trouble: Trouble) -> Next:
+        """What to do about a trouble; the robot stands."""
+
+
+@dataclass(eq=False)
+class Looking:
+    """A look at the resting robot, until the belief is certain enough or time is up.
+
+    Attributes:
+        belief: What is known of the robot.
+        deviation: Standard deviation that is enough, (3 + n,).
+        at_most_s: How long to look.
+        then: What follows.
+    """
+
+    belief: Belief
+    deviation: Array
+    at_most_s: float
+    then: Callable[[], Next]
+
+    def __post_init__(self) -> None:
+        self._end_s = self.belief.now_s + self.at_most_s
+        self._stiffness = self.belief.reading.stiffness
+
+    def advance(self) -> Next:
+        """Stand, until then."""
+        belief = self.belief
+        left = (belief.deviation > self.deviation).any() and belief.now_s < self._end_s - 1e-9
+        if not left or belief.reading.stiffness != self._stiffness:
+            return self.then()
+        return rest(belief, belief.setpoint_C, _LOOK_PERIODS * belief.camera.period_s)
+
+
+def rest(
+    belief: Belief, setpoint_C: Array, at_most_s: float, planned: Array | None = None
+) -> Command:
+    """A command to stand; ``planned`` is where the plan is, by default where it was."""
+    planned = belief.command.planned if planned is None else planned
+    return Command(setpoint_C, at_most_s, planned=planned)
+
+
+@public
+class Controller:
+    """A controller: ``step`` takes a reading and gives a command, until there is a verdict.
+
+    Attributes:
+        belief: What is known of the robot.
+        policy: What it does.
+        verdict: How and why the run has ended; None while it goes on.
+    """
+
+    def __init__(self, belief: Belief, policy: Policy) -> None:
+        """Begin with a robot of which nothing has been read."""
+        self.belief, self.policy = belief, policy
+        self.verdict: Verdict | None = None
+        self._activity: Activity | None = None
+
+    def step(self, reading: Reading) -> Command:
+        """Take in a reading and say what the robot is to do.
+
+        Args:
+            reading: What has become known since the last command.
+
+        Returns:
+            What to send at once; the next reading is due after ``at_most_s``. Once there is a
+            verdict: to stand, heaters off.
+
+        Raises:
+            RobotError: If the robot cannot be driven any more.
+        """
+        belief = self.belief
+        if self.verdict is not None:
+            return self._off
+        try:
+            belief.take(reading)
+            activity: Next = self._activity or self.policy.begin()
+            if belief.doubtful:
+                activity = _Suspicion(belief, activity).look()
+        except (SegmentError, DoubtError) as trouble:
+            activity = self._troubled(trouble)
+        if belief.silent and belief.stands:  # standing costs nothing
+            return belief.give(rest(belief, belief.setpoint_C, belief.camera.period_s))
+        return self._carry_out(activity)
+
+    def _carry_out(self, activity: Next) -> Command:
+        while not isinstance(activity, Verdict):
+            try:
+                if isinstance(activity, Command):
+                    return self.belief.give(activity)
+                self._activity = activity
+                activity = activity.advance()
+            except (SegmentError, DoubtError, TooNearError) as trouble:
+                activity = self._troubled(trouble)
+        return self._ended(activity)
+
+    def _troubled(self, trouble: Trouble) -> Next:
+        """Stand, and look where that is, before anything is done about a trouble."""
+        belief, policy = self.belief, self.policy
+        if isinstance(trouble, TooNearError):
+            never = np.zeros_like(belief.q)
+            return Looking(belief, never, _STOPPED_S, partial(policy.troubled, trouble))
+        if isinstance(trouble, DoubtError):
+            belief.doubt_segments(trouble.segments)
+        return policy.troubled(trouble)
+
+    def _ended(self, verdict: Verdict) -> Command:
+        """Wheels stand, heaters are off."""
+        self.verdict = verdict
+        self.belief.tell("end", verdict.reason)
+        return self.belief.give(self._off)
+
+    @property
+    def _off(self) -> Command:
+        belief = self.belief
+        off_C = np.full_like(belief.setpoint_C, belief.problem.robot.heater.rigid_setpoint_C)
+        return Command(off_C, belief.camera.period_s)
+
+
+@dataclass(eq=False)
+class _Suspicion:
+    """Looks at a robot that may not bend, before it is judged.
+
+    Attributes:
+        belief: What is known of the robot.
+        then: What goes on if it bends.
+    """
+
+    belief: Belief
+    then: Next
+
+    def look(self) -> Activity:
+        """A short look."""
+        return self._looking(_LOOK, _LOOK_S, self._looked)
+
+    def _looked(self) -> Next:
+        doubt = self.belief.doubt
+        assert doubt is not None
+        if doubt.look(self.belief.seen_at_rest()):
+            return self._judged()
+        return self._looking(_LOOK_AGAIN, 4 * _LOOK_S, self._looked_again)
+
+    def _looked_again(self) -> Next:
+        assert self.belief.doubt is not None
+        self.belief.doubt.look_again(self.belief.seen_at_rest())
+        return self._judged()
+
+    def _judged(self) -> Next:
+        assert self.belief.doubt is not None
+        self.belief.doubt.judge(self.belief.now_s, self.belief.known)
+        return self.then
+
+    def _looking(self, share: float, at_most_s: float, then: Callable[[], Next]) -> Activity:
+        return Looking(self.belief, share * self.belief.frame_deviation, at_most_s, then)

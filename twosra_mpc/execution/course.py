@@ -1,0 +1,270 @@
+"""Course of a plan that is carried out: its clock, its heaters by events, what it waits for.
+
+The plan's clock stands at a phase's start until the phase can begin, and jumps there if that is
+early. Heaters follow the events. A melt is not let begin before every phase in which the segment
+must be solid is done, however long that takes; until then the segment is only kept warm. A heater
+goes off when the last phase in which the segment must be soft is done, not at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from twosra_mpc.control.stiffness import stiffness_rule
+from twosra_mpc.execution.belief import Belief
+from twosra_mpc.execution.controller import Next, rest
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode, Stiffness, mode_name
+from twosra_mpc.timing import Transition
+from twosra_mpc.timing.transitions import own_transitions
+
+_WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
+
+
+class Progress(NamedTuple):
+    """Progress of a plan that is executed.
+
+    Attributes:
+        clock_s: Time of the plan; it stands at a phase's start until the phase can begin.
+        done: How many phases have ended.
+    """
+
+    clock_s: float = 0.0
+    done: int = 0
+
+
+@dataclass(frozen=True)
+class HeaterSchedule:
+    """Set-points by progress.
+
+    Attributes:
+        plan: The plan.
+    """
+
+    plan: Plan
+
+    @cached_property
+    def warm_C(self) -> float:
+        """Set-point at which a segment is kept warm, surely solid."""
+        return warm_setpoint_C(self.plan.problem)
+
+    @cached_property
+    def _start_mode(self) -> Mode:
+        """Asked for in every period of a run."""
+        return self.plan.problem.start_mode
+
+    @property
+    def last_mode(self) -> Mode:
+        """Mode that the plan ends in: the goal's, or as the last task leaves the segments."""
+        mode = list(self._start_mode)
+        for item in sorted(self.plan.transitions, key=lambda item: item.done_s):
+            mode[item.segment - 1] = int(item.to == "soft")
+        return tuple(mode)
+
+    def setpoints(self, now: Progress) -> Array:
+        """Set-points of the segments [C], (n,)."""
+        planned = self.plan.trajectory.heater_setpoint_C([now.clock_s])[0].tolist()
+        values = np.array([self._setpoint(j, now, each_C) for j, each_C in enumerate(planned)])
+        heater, warm = self.plan.robot.heater, values == self.warm_C
+        heated = np.count_nonzero(values == heater.soft_setpoint_C) + np.cumsum(warm)
+        # As many are kept warm as may be heated besides those that melt.
+        values[warm & (heated > self.plan.problem.heaters_at_once)] = heater.rigid_setpoint_C
+        return values
+
+    def begun(self, now: Progress) -> int:
+        """Number of transitions commanded by now."""
+        return sum(self._commanded(item, now) for item in self.plan.transitions)
+
+    def expected_s(self, segment: int, to: str) -> float:
+        """Longest time the plan gives a segment (from 0) for such a transition [s]; 0: none."""
+        own = own_transitions(self.plan.transitions, segment)
+        return max((item.done_s - item.heater_s for item in own if item.to == to), default=0.0)
+
+    def _setpoint(self, segment: int, now: Progress, planned_C: float) -> float:
+        heater = self.plan.robot.heater
+        soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
+        value = soft if self._start_mode[segment] else rigid
+        for item in own_transitions(self.plan.transitions, segment):
+            if self._commanded(item, now):
+                value = soft if item.to == "soft" else rigid
+            elif item.to == "soft" and _reached(now, item.heater_s):
+                value = self.warm_C
+        kept_warm = rigid < planned_C < soft  # by the plan itself
+        return self.warm_C if value == rigid and kept_warm else value
+
+    def _commanded(self, item: Transition, now: Progress) -> bool:
+        before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
+        early = item.to == "rigid" and before > 0  # the plan let it coast
+        return now.done >= before and (early or _reached(now, item.heater_s))
+
+
+def _reached(now: Progress, time_s: float) -> bool:
+    return now.clock_s >= time_s - SAME_TIME_S
+
+
+def warm_setpoint_C(problem: Problem) -> float:
+    """Temperature at which a segment is surely solid, even if its heater is a third stronger."""
+    robot, air = problem.robot, problem.ambient
+    segments = range(robot.coordinates.segments)
+    melts_from_C = min(stiffness_rule(robot, air, j).rigid_until_C for j in segments)
+    return air + _WARM_SHARE * (melts_from_C - air)
+
+
+class Abort(NamedTuple):
+    """Reason why a plan cannot be followed to its end.
+
+    Attributes:
+        kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
+            segment did not become what it should; "camera": nothing sees the robot; "doubt": it
+            does not move as commanded; "near": it was stopped near something; "body": it was
+            stopped near itself; "task": a task is not done where it should be; "lost": an object is
+            not where it was held or put; "time": the run takes too long.
+        text: The same in words.
+        segment: The segment (from 0) whose heater it is.
+        to: What it should have become.
+        stiff: Whether a segment that is reported soft seems to need more time.
+        missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
+    """
+
+    kind: Literal["corridor", "heater", "camera", "doubt", "near", "body", "task", "lost", "time"]
+    text: str
+    segment: int = 0
+    to: Stiffness = "soft"
+    stiff: bool = False
+    missed: Mode | None = None
+
+
+class Course:
+    """A plan on its way.
+
+    Attributes:
+        belief: What is known of the robot.
+        plan: The plan.
+        schedule: Its heaters by events.
+        clock_s: Time of the plan.
+        done: How many phases have ended.
+    """
+
+    def __init__(
+        self, belief: Belief, plan: Plan, patience: Patience, longest_s: float = math.inf
+    ) -> None:
+        """The robot is where the plan starts."""
+        self.belief, self.plan, self.patience, self._longest_s = belief, plan, patience, longest_s
+        self.schedule, self.clock_s, self.done = HeaterSchedule(plan), 0.0, 0
+        self._planned = -1.0, np.empty(0)
+
+    @property
+    def progress(self) -> Progress:
+        """Progress of the plan."""
+        return Progress(self.clock_s, self.done)
+
+    @property
+    def begun(self) -> int:
+        """Number of transitions commanded by now."""
+        return self.schedule.begun(self.progress)
+
+    @property
+    def planned(self) -> Array:
+        """Configuration of the plan now, (3 + n,); asked for several times a period."""
+        if self._planned[0] != self.clock_s:
+            q = self.plan.trajectory.configuration([self.clock_s])[0]
+            self._planned = self.clock_s, q
+        return self._planned[1]
+
+    def name(self, index: int) -> str:
+        """A phase in words; the number of phases is the plan's end."""
+        phases = self.plan.phases
+        if index == len(phases):
+            return f"the end {mode_name(self.schedule.last_mode)}"
+        return f"phase {index + 1} of {len(phases)} {mode_name(phases[index].mode)}"
+
+    def needs(self, index: int) -> tuple[Mode, float]:
+        """Mode of a phase, or at the plan's end, and the time of the plan at which it is needed."""
+        if index == len(self.plan.phases):
+            return self.schedule.last_mode, self.plan.trajectory.duration_s
+        phase = self.plan.phases[index]
+        return phase.mode, phase.start_s
+
+    def held(self, setpoint_C: Array, mode: Mode) -> Array:
+        """Set-points (n,) that keep soft what is soft in a mode, whatever the plan says."""
+        return np.where(mode, self.plan.robot.heater.soft_setpoint_C, setpoint_C)
+
+    def broken(self, mode: Mode, waited_s: float) -> Abort | None:
+        """A run without end, or a segment that does not become what ``mode`` needs."""
+        belief, soft_C = self.belief, self.plan.robot.heater.soft_setpoint_C
+        if belief.now_s > self._longest_s:
+            return Abort("time", f"the run has taken more than {self._longest_s:z.0f} s")
+        for segment, faulty in enumerate(belief.reading.faulty):
+            if faulty and belief.setpoint_C[segment] >= soft_C:
+                here = f"{belief.reading.temperature_C[segment]:z.1f} C: heater or sensor?"
+                text = f"segment {segment + 1}: heating does not warm it, {here}"
+                return Abort("heater", text, segment)
+        return None if belief.mode == mode else self._late(mode, waited_s)
+
+    def _late(self, mode: Mode, waited_s: float) -> Abort | None:
+        """A segment that should have become soft long ago; of rigid ones see `SegmentWatch`."""
+        belief = self.belief
+        for segment, (soft, now) in enumerate(zip(mode, belief.reading.stiffness, strict=True)):
+            planned_s = self.schedule.expected_s(segment, "soft")
+            latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
+            asked_s = min(waited_s, belief.in_vain_s(segment))
+            if soft and now not in (None, "soft") and asked_s > latest_s:
+                known = belief.reading.describe(segment)
+                text = f"{known}, not soft after {asked_s:z.0f} s, planned were {planned_s:z.0f} s"
+                return Abort("heater", text, segment)
+        return None
+
+
+class PlanPolicy(Protocol):
+    """A policy that carries a plan out."""
+
+    course: Course
+    during: str
+
+    @property
+    def setpoint_C(self) -> Array:
+        """Set-points of the plan now, (n,)."""
+
+    def ready(self, mode: Mode, planned_s: float) -> bool:
+        """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
+
+    def arrived(self, index: int) -> Next:
+        """What to do when a phase may begin, or at the plan's end."""
+
+    def left(self, abort: Abort) -> Next:
+        """What to do when the plan cannot be followed any farther."""
+
+
+class Waiting:
+    """A robot that stands until a phase can begin; the plan's clock goes on to its start."""
+
+    def __init__(self, policy: PlanPolicy, index: int) -> None:
+        """Wait for a phase, or for the plan's end."""
+        self._policy, self._index = policy, index
+        self._begun_s = self._before_s = policy.course.belief.now_s
+        policy.during = f"waiting for {policy.course.name(index)}"
+
+    def advance(self) -> Next:
+        """Stand, or go on."""
+        policy, course = self._policy, self._policy.course
+        now_s, (mode, until_s) = course.belief.now_s, course.needs(self._index)
+        course.clock_s = min(course.clock_s + now_s - self._before_s, max(until_s, course.clock_s))
+        self._before_s = now_s
+        ready = policy.ready(mode, until_s)
+        if (abort := course.broken(mode, now_s - self._begun_s)) is not None:
+            return policy.left(abort)
+        if ready:
+            course.clock_s = until_s
+            return policy.arrived(self._index)
+        left_s, rest_s = until_s - course.clock_s, course.patience.rest_s
+        rest_s = min(left_s, rest_s) if left_s > SAME_TIME_S else rest_s
+        return rest(course.belief, policy.setpoint_C, rest_s, course.planned)

@@ -1,0 +1,213 @@
+"""Planning what is left of a problem again, once nothing of the robot is changing any more."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.controller import Activity, Looking, Next, rest
+from twosra_mpc.execution.run import Ending
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.limits import bent_back
+from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode
+
+if TYPE_CHECKING:
+    from twosra_mpc.execution.following import Following
+
+_MISSES = 1  # of a mode of several segments that are planned again in the same
+
+
+class Replanning:
+    """The robot stands until metal rests, objects are looked at, and the rest is planned.
+
+    Each segment goes on to what it was becoming, or all of them become solid.
+    """
+
+    def __init__(self, run: Following) -> None:
+        """Leave a plan."""
+        self._run, self._belief = run, run.belief
+        self._cooled, self._until_s, self._told = set[int](), self._belief.now_s, False
+
+    def begin(self, *, melting_on: bool = False, cooling: bool = False) -> Activity:
+        """Let metal come to rest.
+
+        Args:
+            melting_on: Hold what is soft for a while, so that all of it melts.
+            cooling: Let all segments become solid.
+        """
+        if melting_on:
+            self._until_s += self._run.melt_on_s()
+        return self._cool() if cooling else self
+
+    def _cool(self) -> Activity:
+        self._cooled = set(range(len(self._belief.setpoint_C)))
+        return self
+
+    def advance(self) -> Next:
+        """Stand until metal rests, and look at objects."""
+        run, belief, settings = self._run, self._belief, self._run.settings
+        mode, solid = belief.mode, run.broken | self._cooled
+        changing = mode is None or any(mode[j] for j in solid)
+        if changing and belief.now_s > settings.longest_s:  # one that is slow: see `SegmentWatch`
+            words = f"the run has taken more than {settings.longest_s:z.0f} s"
+            return run.verdict(Ending.TIME_LIMIT, words)
+        if changing or belief.now_s < self._until_s or not self._told:
+            self._told = True  # to stand
+            return rest(belief, self._as_they_become(), settings.patience.rest_s)
+        if run.mission.holding is not None and any(mode or ()):  # no soft robot holds anything
+            return self._cool()
+        if belief.objects is None:
+            return self._plan()
+        belief.objects.forget()
+        never = np.zeros_like(belief.q)
+        return Looking(belief, never, settings.patience.objects_s, self._plan)
+
+    def _plan(self) -> Next:
+        run, belief, mode = self._run, self._belief, self._belief.mode
+        if mode is None:  # it began to change during the look
+            return self
+        try:
+            rest_of_it = remaining_problem(
+                *run.mission.rest(),
+                belief.reading.temperature_C,
+                mode,
+                run.broken,
+                misses=len(run.missed),
+                avoided=self._avoided,
+            )
+        except InputError as error:
+            return self._failed(str(error))
+        return _Thinking(self, rest_of_it)
+
+    def planned(self, problem: Problem) -> Next:
+        """Ask for a plan; stand as long as that takes."""
+        run, belief = self._run, self._belief
+        try:
+            result = run.think(problem)
+        except InputError as error:
+            return self._failed(str(error))
+        if result is None:
+            return rest(belief, self._as_they_become(), run.patience.rest_s)
+        return self._failed(result.message) if result.plan is None else run.adopt(result.plan)
+
+    def _failed(self, why: str) -> Next:
+        """Try what may help before it is said that there is no plan."""
+        run, belief = self._run, self._belief
+        if belief.guard is not None and any(belief.mode or ()):
+            return self._cool()  # a solid robot may drive to where it can bend
+        if run.missed:
+            run.missed.clear()  # any plan is better than none
+            return self
+        return run.no_plan(why)
+
+    @property
+    def _avoided(self) -> set[Mode]:
+        """Modes of several segments whose bends have missed before: these bend one by one."""
+        several = {mode for mode in self._run.missed if sum(mode) > 1}
+        return {mode for mode in several if self._run.missed.count(mode) > _MISSES}
+
+    def _as_they_become(self) -> Array:
+        """Set-points that let every segment become, or stay, what it is becoming, (n,)."""
+        belief, heater = self._belief, self._belief.problem.robot.heater
+        solid = self._run.broken | self._cooled
+        becoming = []
+        for segment, now in enumerate(belief.reading.stiffness):
+            asked = belief.setpoint_C[segment] >= heater.soft_setpoint_C
+            soft = now == "soft" or (now == "changing" and asked)
+            becoming.append(soft and segment not in solid)
+        return np.where(becoming, heater.soft_setpoint_C, heater.rigid_setpoint_C)
+
+
+class _Thinking:
+    """A robot that stands while the rest is planned."""
+
+    def __init__(self, replanning: Replanning, problem: Problem) -> None:
+        self._replanning, self._problem = replanning, problem
+
+    def advance(self) -> Next:
+        return self._replanning.planned(self._problem)
+
+
+_ROUNDING = 1e-9
+_CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
+
+
+def remaining_problem(
+    problem: Problem,
+    q: Array,
+    temperature_C: tuple[float, ...],
+    mode: Mode,
+    broken: Collection[int] = (),
+    misses: int = 0,
+    avoided: Collection[Mode] = (),
+) -> Problem:
+    """State what is left of a problem.
+
+    Curvatures that are near enough need not change, so the segment need not melt again; only those
+    that are not are asked for, and one that alone is soft, which costs next to nothing. A robot
+    that is believed to be bent into itself starts bent back.
+
+    Args:
+        problem: What was asked in the beginning.
+        q: Configuration now, (3 + n,).
+        temperature_C: Measured temperatures.
+        mode: Stiffness now, as reported; no segment may be changing.
+        broken: Segments (from 0) that cannot be melted any more.
+        misses: How often bends have missed so far: the next are aimed nearer to the middle.
+        avoided: Modes in which they have.
+
+    Raises:
+        InputError: If no mode is left.
+    """
+    kappa = bent_back(problem.robot, q[POSE:])
+    start = Start(
+        x_m=q[0],
+        y_m=q[1],
+        phi_rad=q[2],
+        kappa_per_m=tuple(kappa.tolist()),
+        temperature_C=_temperatures(problem, temperature_C, mode),
+        holding=problem.start.holding,
+    )
+    modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
+    modes = tuple(m for m in modes if m not in avoided)
+    aimed = PLANNED / (2 + misses)
+    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), mode, broken, aimed)
+    workspace = problem.workspace
+    if workspace is not None:  # who is out of it already needs so much more room
+        shape = robot_shape(problem.robot.geometry, start.configuration)
+        thick = problem.robot.geometry.fibre_radius_m
+        fibre = (part + end for part in (shape.segments, shape.links) for end in (-thick, thick))
+        outline = (shape.units, shape.wheels, *fibre)
+        workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
+    return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
+
+
+def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:
+    """Temperatures that agree with the reported stiffness and the heater's range."""
+    solid, liquid = problem.stiffness_thresholds_C
+    soft = np.maximum(measured_C, liquid + _CLEARLY_K)
+    rigid = np.minimum(measured_C, solid - _CLEARLY_K)
+    heater = problem.robot.heater
+    agreed = np.where(mode, soft, rigid).clip(heater.temperature_min_C, heater.temperature_max_C)
+    return tuple(agreed.tolist())
+
+
+def _goal(problem: Problem, q: Array, mode: Mode, broken: Collection[int], aimed: float) -> GoalSet:
+    """The middle of the goal, with curvature tolerances within which nothing needs to melt.
+
+    What must bend, or alone is soft, is ``aimed`` at to within so much of the accuracy.
+    """
+    scale = problem.robot.ends_within.scale(problem.robot.coordinates)
+    goal = problem.judged_goal
+    off = np.abs(goal.error(q.copy())) / scale
+    kept, bends = np.where(mode, aimed if sum(mode) == 1 else ACCEPTED, ACCEPTED), off[POSE:]
+    kept[list(broken)] = 1.0
+    wider = np.where(bends <= kept, bends + _ROUNDING, aimed)
+    return goal.loosened(scale * [0.0, 0.0, 0.0, *wider])
