@@ -67,13 +67,6 @@ def test_a_heater_that_never_warms_is_reported_in_words() -> None:
     assert not found.run.reached
 
 
-def test_the_greedy_rule_in_closed_loop_takes_longer() -> None:
-    ours, greedy = simulated("paper-1", 1), simulated("paper-1", 1, executor="greedy")
-    assert greedy.run.executor == "greedy"
-    assert greedy.run.reason
-    assert not greedy.run.reached or greedy.run.duration_s > ours.run.duration_s
-
-
 @pytest.mark.parametrize(
     ("asked", "field"), [({"disturbance": "wild"}, "disturbance"), ({"plant": "clay"}, "plant")]
 )

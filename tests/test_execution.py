@@ -69,7 +69,7 @@ def test_without_disturbance_what_is_executed_is_what_was_planned(
 # --- disturbed -----------------------------------------------------------------------------------
 
 RUNS = [  # scenario, seed, robot and level; three segments are planned again for half a minute
-    ("paper-1", 1, ARC, "moderate"),
+    ("paper-3", 3, ARC, "hard"),  # unequal bends: what one segment lacks it bends alone afterwards
     ("paper-2", 2, ARC, "hard"),
     ("paper-2", 3, "2sra-v1-paper", "moderate"),
     ("three-segments", 3, "3sra", "mild"),
@@ -86,6 +86,7 @@ def test_a_disturbed_run_reaches_its_goal(scenario: str, seed: int, robot: str, 
     assert found.heading_rad <= np.radians(1.0)
     assert found.curvature_per_m <= 1.0
     assert found.transitions <= found.allowed
+    assert found.replans <= 2  # nothing goes to and fro
     assert found.forced_s == 0.0
 
 
@@ -323,8 +324,9 @@ def test_a_plan_for_another_robot_is_refused_by_name() -> None:
 # --- greedy --------------------------------------------------------------------------------------
 
 
-def test_the_greedy_rule_reaches_the_goal_without_a_plan() -> None:
-    done = simulate(problem(), seed=2, executor="greedy")
+def test_the_greedy_rule_reaches_the_goal_without_a_plan_and_takes_longer() -> None:
+    done = simulated("paper-2", 2, executor="greedy")
+    assert done.run.duration_s > simulated("paper-2", 2).run.duration_s
     assert done.run.executor == "greedy"
     assert done.run.plans == ()
     assert done.metrics.reached
@@ -563,10 +565,3 @@ def test_what_bends_again_later_may_be_missed_and_is_made_good_then(name: str) -
     assert after == pytest.approx(end[3:], abs=2e-4)
     at_once = predicted_curvatures(robot, deviated, [start, both], [(1, 1)])
     assert np.abs(at_once - both[3:]).max() > 1.0
-
-
-def test_unequal_bends_are_planned_again_once() -> None:
-    """What split took from one segment it bends alone afterwards; nothing goes to and fro."""
-    done = simulate(problem("paper-3"), disturbance="hard", seed=3)
-    assert done.metrics.reached
-    assert done.metrics.replans <= 2

@@ -51,10 +51,10 @@ def test_a_wide_door_lets_all_pass_and_a_narrow_one_none() -> None:
 
 def test_a_turned_robot_passes_alike() -> None:
     """Half a turn of the robot swaps its segments, bent the other way; the door is symmetric."""
-    found = find_passages(doorway(0.085), STEP).verdicts
+    found = find_passages(doorway(0.085), 45.0).verdicts
     swapped = found.T
     decided = np.isin(found, VERDICTS[:2]) & np.isin(swapped, VERDICTS[:2])
-    assert decided.sum() > 10
+    assert decided.sum() > 4
     assert (found == swapped)[decided].all()
 
 
@@ -66,10 +66,10 @@ def test_given_headings_pass_no_more_than_free_ones() -> None:
 
 
 def test_a_goal_that_leaves_its_shape_open_has_no_verdict() -> None:
-    goal = {"x_m": 0.32, "y_m": 0.1}
-    found = find_passages(load_problem("doorway", goal=goal), 60.0)
+    problem = doorway(0.5).with_values(goal={"x_m": 0.32, "y_m": 0.1})
+    found = find_passages(problem, 60.0)
     assert found.goal is None
-    plot_passages(load_problem("doorway", goal=goal), found)
+    plot_passages(problem, found)
 
 
 def test_bad_input_is_named() -> None:

@@ -22,7 +22,7 @@ from twosra_mpc.export.ros2_mcap import TEMPERATURE_STEP_C, save_ros2_bag
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.geometry import Geometry
 
-LATCHED = {"/robot_description", "/path"}
+LATCHED = {"/robot_description", "/path", "/mode"}
 Messages = dict[str, list[tuple[float, Any]]]
 
 
@@ -170,12 +170,33 @@ def test_nothing_is_told_while_nothing_changes(bag: tuple[Plan, Messages]) -> No
 def test_the_bag_is_the_plan_to_its_end(bag: tuple[Plan, Messages]) -> None:
     plan, messages = bag
     for topic, told in messages.items():
-        assert topic in LATCHED or told[-1][0] == pytest.approx(plan.duration_s, abs=1e-9), topic
+        assert topic in LATCHED - {"/mode"} or told[-1][0] == pytest.approx(
+            plan.duration_s, abs=1e-9
+        ), topic
     told = messages["/mode"]
     times = np.array([time_s for time_s, _ in told])
     for time_s, mode in zip(plan.samples.t_s, plan.samples.mode, strict=True):
         (last,) = np.flatnonzero(times <= time_s + 1e-9)[-1:]
         assert list(told[last][1].data) == mode.tolist()
+
+
+def test_objects_are_where_they_are_carried(tmp_path: Path) -> None:
+    plan = planned("pick-and-place")
+    save_ros2_bag(plan, tmp_path / "bag.mcap")
+    (thing, *_) = plan.problem.objects
+    told = [
+        {item.child_frame_id: item for item in tf.transforms}
+        for _, tf in read(tmp_path / "bag.mcap")["/tf"]
+    ]
+    seen = np.array([matrix(item[f"object/{thing.name}"].transform) for item in told])
+    np.testing.assert_allclose(seen[0], planar(*thing.pose.pose), atol=1e-12)
+    inside = [
+        np.linalg.inv(matrix(item["b0"].transform)) @ at
+        for item, at in zip(told, seen, strict=True)
+    ]
+    moves = np.abs(np.diff(seen, axis=0)).max(axis=(1, 2)) > 1e-9
+    assert moves.sum() > 10  # and then it is held: where it was in the robot's frame
+    np.testing.assert_allclose(np.diff(inside, axis=0)[moves], 0.0, atol=2e-6)
 
 
 def test_who_comes_late_gets_what_is_latched(tmp_path: Path) -> None:

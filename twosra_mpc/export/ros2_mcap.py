@@ -1,12 +1,13 @@
 """A plan as a ROS 2 bag (MCAP) of standard messages, written without ROS.
 
 ``/robot_description`` is the robot as URDF (`robot_chain`), ``/joint_states`` its hinges and
-wheels, ``/tf`` all its frames, ``/path`` the course of b0. ``/wheel_commands`` are joint states
-whose velocities hold to the next message. ``/mode`` is the stiffness mode, 1 for each soft segment;
-``/segmentN/temperature`` is what the metal is expected to be and ``/segmentN/setpoint`` what its
-heater regulates to, in degrees Celsius. Times are the plan's, from zero; what does not change is
-not written again, but for the plan's end, at which every topic has a last message. The description
-and the path are latched: who subscribes later gets them, too.
+wheels, ``/tf`` all its frames and those of objects, ``object/NAME``; ``/path`` is the course of b0.
+``/wheel_commands`` are joint states whose velocities hold to the next message. ``/mode`` is the
+stiffness mode, 1 for each soft segment; ``/segmentN/temperature`` is what the metal is expected to
+be and ``/segmentN/setpoint`` what its heater regulates to, in degrees Celsius. Times are the
+plan's, from zero; what does not change is not written again, but for the plan's end, at which every
+topic has a last message. Description, path and mode are latched: who subscribes later gets them,
+too.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.files import check_writable, data_file, write_bytes
 from twosra_mpc.installation import require
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
@@ -38,7 +40,7 @@ _TYPES = dict(  # interface -> its fields
     each.split("\n", 1) for each in data_file("export/interfaces.msg").split(_RULE)[1:]
 )
 
-_LATCHED = {"/robot_description", "/path"}
+_LATCHED = {"/robot_description", "/path", "/mode"}
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 _QOS = {  # of a publisher, in the numbers of rmw: reliable, keeps the last message
     **{"history": 1, "depth": 1, "reliability": 1, "durability": 2, "deadline": _FOREVER},
@@ -106,7 +108,7 @@ def _news(table: Array, step: float = 0.0) -> NDArray[np.bool_]:
 
 def _send_motion(plan: Plan, send: Send) -> None:
     """The path once; joint states and frames wherever the robot has moved."""
-    geometry, samples = plan.robot.geometry, plan.samples
+    geometry, samples, things = plan.robot.geometry, plan.samples, plan.problem.objects
     turned = plan.trajectory.wheel_travel_rad(samples.t_s)
     new = _news(np.hstack([samples.q, turned]))
     poses = [
@@ -118,15 +120,19 @@ def _send_motion(plan: Plan, send: Send) -> None:
     send("/path", "nav_msgs/Path", 0.0, {"header": _header(0.0), "poses": poses})
     chain = joints(geometry)
     names = [joint.name for joint in chain]
-    for time_s, q, wheel_rad in zip(
-        samples.t_s[new].tolist(), samples.q[new], turned[new], strict=True
+    placed = object_poses(plan.trajectory, samples.t_s[new], samples.q[new]).tolist()
+    for time_s, q, wheel_rad, there in zip(
+        samples.t_s[new].tolist(), samples.q[new], turned[new], placed, strict=True
     ):
         position = angles(geometry, q, wheel_rad).tolist()
         send(
             "/joint_states", "sensor_msgs/JointState", time_s, _joint_state(time_s, names, position)
         )
-        x, y, phi = q[:POSE].tolist()
-        frames = [_frame(time_s, WORLD, BASE, _xyz(x, y), _turn(phi))]
+        bodies = [(BASE, q[:POSE].tolist())]
+        bodies += [(f"object/{each.name}", at) for each, at in zip(things, there, strict=True)]
+        frames = [
+            _frame(time_s, WORLD, name, _xyz(x, y), _turn(phi)) for name, (x, y, phi) in bodies
+        ]
         frames += [_joint_frame(time_s, *each) for each in zip(chain, position, strict=True)]
         send("/tf", "tf2_msgs/TFMessage", time_s, {"transforms": frames})
 
