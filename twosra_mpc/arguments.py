@@ -302,16 +302,14 @@ def _table(kind: Kind) -> Kind:
 def _function(count: int) -> Kind:
     """Kind of functions that can be called with so many arguments, as far as they say it."""
 
-    def callable_so(value: Any) -> bool:
+    def takes_them(value: Any) -> bool:
         try:
             inspect.signature(value).bind(*range(count))
-        except TypeError:
-            return False
-        except ValueError:  # a built-in that does not say it
-            return True
+        except (TypeError, ValueError) as error:  # the latter: a built-in that does not say it
+            return isinstance(error, ValueError)
         return True
 
-    return _tested(f"a function of {count} argument{'s' * (count != 1)}", callable_so)
+    return _tested(f"a function of {count} argument{'s' * (count != 1)}", takes_them)
 
 
 def _of_class(kind: Any) -> Kind:
@@ -374,7 +372,6 @@ def _check_bound(
 
 _SIZED = {  # what there are several of -> their words
     "q": "{} numbers: x_m, y_m, phi_rad and the curvature of each segment in 1/m",
-    "q or NaN": "{} numbers: x_m, y_m, phi_rad and the curvature of each segment in 1/m; or NaN",
     "widths": "{} numbers: of x_m, y_m, phi_rad and the curvature of each segment in 1/m",
     "pose": "{} numbers: x_m, y_m, phi_rad",
     "points": "points, each {} numbers: x and y in m",
@@ -385,19 +382,16 @@ _SIZED = {  # what there are several of -> their words
 }
 
 
-def check_size(name: str, given: Any, size: int, what: str = "") -> Any:
-    """Check that an argument is so many finite numbers, points each so many; a mode, of 1 and 0.
+def check_size(name: str, given: Any, size: int, what: str = "", reached: bool = False) -> Any:
+    """Return an argument as an array of so many finite numbers, of 1 and 0 if it is a mode.
 
-    Returns:
-        Them as an array, (size,); of points (..., size).
+    Points are (..., size). What a motion that may diverge has reached need not be finite.
 
     Raises:
         InputError: Says what the numbers are.
     """
     numbers, what = _numbers(given), what or name
-    of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers)
-    if what == "q or NaN":
-        of_kind |= np.isnan(numbers)
+    of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers) | reached
     if what != "points" and numbers.shape == (size, 1):  # a column, as CasADi has it
         numbers = numbers[:, 0]
     shape = numbers.shape[-1:] if what == "points" else numbers.shape

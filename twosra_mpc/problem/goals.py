@@ -260,7 +260,7 @@ class Goal(GoalSet):
 
     def _sized(self, name: str, q: Array) -> Array:
         """``q``, checked to be one of a robot with as many segments."""
-        checked: Array = check_size(name, q, POSE + len(self.kappa_per_m), "q or NaN")
+        checked: Array = check_size(name, q, POSE + len(self.kappa_per_m), "q", True)
         return checked
 
     def loosened(self, widths: Array) -> Goal:
