@@ -137,7 +137,7 @@ def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
     [
         *(
             "EPSG:2230",
-            "urn:ogc:def:crs:EPSG::32037",
+            "urn:ogc:def:crs:EPSG::2263",
             "http://www.opengis.net/def/crs/EPSG/0/26741",
         ),
         *("NAD83 / California zone 6 (ftUS)", "NAD83(2011) / Oregon GIC Lambert (ft)"),

@@ -391,6 +391,7 @@ def check_size(name: str, given: Any, size: int, what: str = "", reached: bool =
         InputError: Says what the numbers are.
     """
     numbers, what = _numbers(given), what or name
+    reached |= what == "points"
     of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers) | reached
     if what != "points" and numbers.shape == (size, 1):  # a column, as CasADi has it
         numbers = numbers[:, 0]

@@ -29,18 +29,10 @@ _TURN_DEG = 360.0
 _REMOTE = 100.0  # times its size from the origin is a map of the Earth, not of a room
 _KINDS = "Polygon, MultiPolygon, GeometryCollection, Feature or FeatureCollection"
 _EPSG = re.compile(r"EPSG\b.*?(\d{4,5})\]?$", re.IGNORECASE)  # the code, however it is named
-# Unit -> what names of frames in it say, and codes of EPSG: state planes in feet, geographic
-# frames, Mercator and UTM.
-_UNITS: dict[str, tuple[str, tuple[range, ...]]] = {
-    "feet": (
-        r"\b(us.?)?(ft(us)?|feet|foot)\b",
-        (
-            *(range(2222, 2290), range(2867, 2931), range(3417, 3439), range(4399, 4434)),
-            *(range(7587, 7646), range(8700, 8801), range(26729, 26871), range(32001, 32068)),
-        ),
-    ),
-    "degrees": (r"CRS:?(84|83|27)\b|WGS.?84$", (range(4000, 5000),)),
-    "metres": (r"^$", (range(3857, 3858), range(25800, 26000), range(32600, 32800))),
+_UNITS = {  # what names say, and codes of EPSG: state planes; geographic; Mercator and UTM
+    "feet": (r"\b(us.?)?(ft(us)?|feet|foot)\b", "2222-2289 2867-2930 4399-4433 26729-26870"),
+    "degrees": (r"CRS:?(84|83|27)\b|WGS.?84$", "4000-4999"),
+    "metres": ("^$", "3857-3857 25800-25999 32600-32799"),
 }
 _PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
@@ -173,10 +165,10 @@ def _doubts_about_frame(frame: Any) -> Iterator[str]:
 
 def _unit_of(frame: str) -> str:
     """Unit of a coordinate reference system by its name; nothing if that is not known here."""
-    found = _EPSG.search(frame)
-    code = int(found[1]) if found else 0
+    code = int(found[1]) if (found := _EPSG.search(frame)) else 0
     for unit, (words, codes) in _UNITS.items():
-        if re.search(words, frame, re.IGNORECASE) or any(code in each for each in codes):
+        ends = (map(int, each.split("-")) for each in codes.split())
+        if re.search(words, frame, re.IGNORECASE) or any(a <= code <= b for a, b in ends):
             return unit
     return ""
 

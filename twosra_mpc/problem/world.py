@@ -62,7 +62,7 @@ class Workspace(Value):
     def holding(self, points: Array) -> Workspace:
         """The box, no smaller than these points (..., 2) need with a millimetre around them."""
         flat, (low, high) = (
-            check_size("points", points, 2, reached=True).reshape(-1, 2),
+            check_size("points", points, 2).reshape(-1, 2),
             self.corners_m,
         )
         low = np.minimum(low, flat.min(axis=0) - _AROUND_M).tolist()
@@ -72,7 +72,7 @@ class Workspace(Value):
 
     def margin_m(self, points: Array) -> Array:
         """How far points (..., 2) are within the box; negative outside, by the farther axis."""
-        points, (low, high) = check_size("points", points, 2, reached=True), self.corners_m
+        points, (low, high) = check_size("points", points, 2), self.corners_m
         margin: Array = np.minimum(points - low, high - points).min(axis=-1)
         return margin
 
