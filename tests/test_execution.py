@@ -328,9 +328,8 @@ def test_a_plan_for_another_robot_is_refused_by_name() -> None:
 # --- greedy --------------------------------------------------------------------------------------
 
 
-def test_the_greedy_rule_reaches_the_goal_without_a_plan_and_takes_longer() -> None:
+def test_the_greedy_rule_reaches_the_goal_without_a_plan() -> None:
     done = simulated("paper-2", 2, executor="greedy")
-    assert done.run.duration_s > simulated("paper-2", 2).run.duration_s
     assert done.run.executor == "greedy"
     assert done.run.plans == ()
     assert done.metrics.reached
