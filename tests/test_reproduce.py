@@ -308,4 +308,4 @@ def test_the_examples_run(
         assert (code, err) == (0, ""), example
         assert out.endswith(f"paper/{PAGE}\n".strip())
         assert "Table I holds" in out
-        assert ("--photographs FOLDER" in out) == ("--photographs" not in example), example
+        assert ("--photographs FOLDER" in out) == ("--data" not in example), example
