@@ -11,6 +11,7 @@ import io
 import re
 import runpy
 import sys
+import warnings
 from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -51,10 +52,20 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def _example(path: Path) -> tuple[str, dict[str, bytes]]:
-    """Run an example; return it as Markdown, with what it prints, and the figures it draws."""
+    """Run an example; return it as Markdown, with what it prints, and the figures it draws.
+
+    Raises:
+        Warning: If it warns: what users copy does not.
+        PluginError: If it prints nothing, or does not draw what it names.
+    """
     with TemporaryDirectory() as folder, chdir(folder), redirect_stdout(io.StringIO()) as printed:
-        runpy.run_path(str(path), run_name="__main__")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            runpy.run_path(str(path), run_name="__main__")
         figures = {item.name: item.read_bytes() for item in sorted(Path(folder).glob("*.png"))}
+    named = re.findall(r'"([\w-]+\.png)"', path.read_text(encoding="utf-8"))
+    if not printed.getvalue() or sorted(named) != sorted(figures):
+        raise PluginError(f"{path.name} prints nothing, or draws {[*figures]}, not {named}")
     pictures = "".join(f"![{path.stem}](examples/{name})\n\n" for name in figures)
     code = f'```python title="{path.name}"\n{path.read_text(encoding="utf-8")}```\n\n'
     return f"{pictures}{code}```text\n{printed.getvalue()}```\n", figures

@@ -68,7 +68,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
     problem = random_problem(seed, robot=robot)
     task = bending_task(problem)
     found = 0
-    for sequence in list(sequences())[seed % 2 :: 2]:
+    for sequence in list(sequences())[seed % 4 :: 4]:
         if unreachable_reason(sequence, task):
             continue
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)

@@ -63,7 +63,7 @@ def freed(problem: Problem) -> Problem:
 V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")
 NARROW = {"x_m": 0.05, "y_m": 0.1, "phi_rad": 0.3}
 PROBLEMS = {
-    **{f"paper-{n}": load_problem(f"paper-{n}") for n in range(1, 6)},
+    **{f"paper-{n}": load_problem(f"paper-{n}") for n in (1, 2, 4)},
     **{f"paper-{n}, spirals": load_problem(f"paper-{n}", robot="2sra-v1-paper") for n in (1, 2)},
     "three segments": load_problem("three-segments"),
     "exact arcs": exactly(random_problem(1, V1)),
@@ -71,7 +71,6 @@ PROBLEMS = {
         2, with_path_model(load_robot("2sra-v1-paper"), "log_spiral_corrected")
     ),
     "constant times": random_problem(3, timing="constant"),
-    "waits": random_problem(4, timing="paper"),
     "waits and weights": random_problem(
         4, timing="paper", weights={"energy_s_per_J": 0.1, "transition_s": 45.0}
     ),

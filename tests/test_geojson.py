@@ -128,8 +128,24 @@ def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
 def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
     for name in ("urn:ogc:def:crs:EPSG::25832", "EPSG:3857", "EPSG:32632"):
         assert len(obstacles_of(geographic(name))) == 1
-    with pytest.warns(InputWarning, match="crs = 'EPSG:2230' is not known here"):
-        obstacles_of(geographic("EPSG:2230"))  # California, in feet
+    with pytest.warns(InputWarning, match="crs = 'EPSG:2056' is not known here"):
+        obstacles_of(geographic("EPSG:2056"))  # Switzerland, in metres
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "EPSG:2230",
+            "urn:ogc:def:crs:EPSG::2263",
+            "http://www.opengis.net/def/crs/EPSG/0/26741",
+        ),
+        *("NAD83 / California zone 6 (ftUS)", "NAD83(2011) / Oregon GIC Lambert (ft)"),
+    ],
+)
+def test_feet_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match=r"crs = .*in metres.*these are feet"):
+        obstacles_of(geographic(name))
 
 
 def test_a_frame_of_geopandas_says_its_unit() -> None:

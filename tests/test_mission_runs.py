@@ -109,9 +109,10 @@ def found_lost(run: Run) -> float:
     return next(event.time_s for event in run.events if event.kind == "failure")
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_caged_cup_arrives(carried: Plan, planner: Planner, seed: int) -> None:
-    found = simulate(carried.problem, plan=carried, disturbance="moderate", seed=seed)
+def test_a_caged_cup_arrives_and_its_file_says_where_it_was(
+    carried: Plan, planner: Planner
+) -> None:
+    found = simulate(carried.problem, plan=carried, disturbance="moderate", seed=1)
     assert found.metrics.reached
     assert found.run.reason == "all 1 tasks are done"
     assert found.metrics.tasks_done == 1
@@ -121,12 +122,6 @@ def test_a_caged_cup_arrives(carried: Plan, planner: Planner, seed: int) -> None
     moved = found.truth.objects[-1, 0, :2] - found.truth.objects[0, 0, :2]
     assert np.hypot(*moved) > 0.15
     assert len(found.truth.objects) == len(found.truth.time_s)
-
-
-def test_a_simulation_says_where_objects_were_and_its_file_when_tasks_were_done(
-    carried: Plan, planner: Planner
-) -> None:
-    found = simulate(carried.problem, plan=carried, disturbance="none")
     data = json.loads(json.dumps(found.to_dict()))
     np.testing.assert_allclose(data["truth"]["objects"], found.truth.objects)
     assert data["done_s"] == list(found.run.done_s)

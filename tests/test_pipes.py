@@ -80,11 +80,9 @@ def test_a_pipe_is_written_to(run_as_is: Run, tmp_path: Path) -> None:
     ("begins", "arguments"),
     [
         (b"\x89PNG", ("plan", "-", "-q", "--plot", "-")),
-        (b'{"format": "twosra-plan"', ("plan", "/dev/stdin", "-q", "--json")),
         (b"<!DOCTYPE html>", ("report", "-", "/dev/stdout")),
         (b"GIF89a", ("animate", "-", "-", "-q", "--seconds", "1")),
         (b"\x89MCAP0", ("export", "-", "-")),
-        (b"t_s,", ("plan", "-", "-q", "--csv", "-")),
         (b'{"format": "twosra-plan"', ("resample", "-", "-", "--rate", "2")),
     ],
 )

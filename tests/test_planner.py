@@ -73,7 +73,7 @@ def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: f
     assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", range(100, 110))
+@pytest.mark.parametrize("seed", range(100, 106))
 def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: int) -> None:
     result = plan(random_problem(seed)).require()
     assert result.status is Status.OPTIMAL
@@ -82,7 +82,7 @@ def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: in
         assert result.duration_s <= greedy.plan.duration_s + 1e-9
 
 
-@pytest.mark.parametrize("factor", [None, 1.0, 100.0])
+@pytest.mark.parametrize("factor", [None, 100.0])
 def test_the_search_finds_what_solving_every_sequence_finds(factor: float | None) -> None:
     robot = ROBOT if factor is None else faster_robot(factor)  # thermal or constant times
     problem = random_problem(21, robot=robot, gap=0.001, max_phases=4)

@@ -194,7 +194,9 @@ def test_no_random_plan_costs_less_than_its_bound(robot: Robot) -> None:
         free = FREE[seed % len(FREE)]
         assert proved(with_free(problem, free), sequence) <= cost + 1e-9, (seed, free)
         judged += 1
-    assert judged >= 2
+        if judged == 2:
+            return
+    pytest.fail("too few motions of these robots to judge by")
 
 
 @pytest.mark.parametrize("free", FREE, ids=" ".join)

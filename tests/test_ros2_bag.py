@@ -23,7 +23,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.robot.geometry import Geometry
 
-LATCHED = {"/robot_description", "/path", "/surroundings"}
+LATCHED = {"/robot_description", "/path", "/mode", "/surroundings"}
 Messages = dict[str, list[tuple[float, Any]]]
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from once import solved
@@ -18,6 +19,8 @@ import twosra_mpc
 from twosra_mpc import (
     InputError,
     Problem,
+    Tolerance,
+    Workspace,
     check_plan,
     json_schema,
     kinematics,
@@ -32,7 +35,7 @@ from twosra_mpc import (
     with_path_model,
 )
 from twosra_mpc.arguments import MADE_BY, Kind, Word, kinds
-from twosra_mpc.execution import LEVELS, Camera, Executor, SimulatedRobot, simulate
+from twosra_mpc.execution import LEVELS, Camera, Disturbance, Executor, SimulatedRobot, simulate
 from twosra_mpc.validation import Value
 
 PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
@@ -152,6 +155,8 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda _, __: Executor("COM3"), r"SimulatedRobot\(problem\)"),  # type: ignore[arg-type]
     (lambda _, __: Executor(SimulatedRobot), r"SimulatedRobot\(problem\)"),  # type: ignore[arg-type]
     (lambda _, __: Camera(rate_Hz=-1), "more than 0"),
+    (lambda _, __: Disturbance(delay_frames=(2, 1)), "2 values, .*the lower one first"),
+    (lambda problem, _: plan(problem, on_progress=lambda: None), "a function of 1 argument"),  # type: ignore[arg-type,misc]
     (lambda _, __: twosra_mpc.Status("optimum"), "optimal, feasible, infeasible, failed"),
     (lambda _, __: json_schema("problem"), "scenario, robot, plan"),  # type: ignore[arg-type]
 ]
@@ -162,6 +167,34 @@ def test_wrong_calls_are_answered(call: Callable[[Problem, Any], object], words:
     result = solved("rigid-move")
     with pytest.raises(InputError, match=words):
         call(result.problem, result)
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 3, 4, 5, 6])
+def test_arrays_of_values_have_the_size_that_is_said(size: int) -> None:
+    """Of every method that takes one; never broadcast, whatever they are given as."""
+    goal = load_problem("paper-1").goal
+    thing, room = load_problem("grasp-cube").objects[0], Workspace(x_m=(0, 1))
+    asked: list[tuple[Callable[[Any], object], str, int]] = [
+        *((method, "q", 5) for method in (goal.error, goal.met_at, goal.aim)),
+        *((method, "near", 5) for method in (goal.box, goal.box_met)),
+        (goal.loosened, "widths", 5),
+        (lambda kappa: goal.shaped(kappa, 1.0), "kappa", 2),
+        (Tolerance.of, "widths", max(size, 4)),
+        (thing.at, "pose", 3),
+        (room.margin_m, "points", 2),
+        (room.holding, "points", 2),
+    ]
+    for method, name, right in asked:
+        given = [np.zeros(size), np.zeros((1, size)), np.zeros((size, 1, 1))]
+        for wrong in given[size == right : 1 if name == "points" and size == right else 3]:
+            with pytest.raises(InputError) as error:
+                method(wrong)
+            assert error.value.field == name
+        if size == right:
+            method(np.zeros(size))
+    if size != 1:
+        with pytest.raises(InputError, match="poses"):
+            load_problem("grasp-cube").world_with([None] * size)
 
 
 @pytest.mark.parametrize("wrong", [(1,), (1, 0, 1), (2, 0), "10", None, 1])

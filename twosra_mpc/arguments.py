@@ -71,7 +71,6 @@ _PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # name of a kind -> it
     "ArrayLike": (lambda value: bool(np.isfinite(_numbers(value)).all()), _ARRAY),
     "Array": (lambda value: isinstance(value, np.ndarray), "an array: numpy.array([...])"),
     "Mode": (_is_mode, "a mode: for each segment 1 (soft) or 0 (rigid), e.g. (1, 0)"),
-    "Callable": (callable, "a function"),
 }
 _PLAIN["ndarray"] = _PLAIN["Array"]
 _MARKED = {name: type(name, (), {}) for name in ("ArrayLike", "Array", "Mode")}
@@ -81,9 +80,16 @@ _LIMITS: dict[str, tuple[str, Callable[[Any, Any], bool]]] = {  # of annotations
     "lt": ("less than {:zg}", operator.lt),
     "le": ("at most {:zg}", operator.le),
     "min_length": ("at least {} of them", lambda value, least: len(value) >= least),
+    "ends": ("{}", lambda value, _: value[0] <= value[1]),
 }
 _OTHER = object()  # in place of a value that is of another kind
 Public = TypeVar("Public", bound=Callable[..., Any])
+
+
+class Range(NamedTuple):
+    """Mark of a pair in an annotation: its ends are in order."""
+
+    ends: str = "the lower one first"
 
 
 class Word(enum.StrEnum):
@@ -197,7 +203,7 @@ def kind_of(hint: Any) -> Kind:
     if issubclass(origin, Mapping):
         return _table(kind_of(inner[1]))
     if origin.__name__ == "Callable":
-        return _of_class(Callable)
+        return _function(len(inner[0]))
     return _list(kind_of(inner[0]), len(inner) if origin is tuple and ... not in inner else None)
 
 
@@ -263,6 +269,19 @@ def _table(kind: Kind) -> Kind:
     return Kind(f'a table by names, {{"name": ...}}, of {kind.words}', take)
 
 
+def _function(count: int) -> Kind:
+    """Kind of functions that can be called with so many arguments, as far as they say it."""
+
+    def takes_them(value: Any) -> bool:
+        try:
+            inspect.signature(value).bind(*range(count))
+        except (TypeError, ValueError) as error:  # the latter: a built-in that does not say it
+            return isinstance(error, ValueError)
+        return True
+
+    return _tested(f"a function of {count} argument{'s' * (count != 1)}", takes_them)
+
+
 def _of_class(kind: Any) -> Kind:
     """Kind of values of a class, known by its name, or of objects that fulfil a protocol."""
     name = getattr(kind, "__name__", "")
@@ -321,8 +340,11 @@ def _check_bound(
     raise InputError(function, given[0] if len(given) == 1 else given, allowed)
 
 
-_SIZED = {  # what a robot has several of -> their words
+_SIZED = {  # what there are several of -> their words
     "q": "{} numbers: x_m, y_m, phi_rad and the curvature of each segment in 1/m",
+    "widths": "{} numbers: of x_m, y_m, phi_rad and the curvature of each segment in 1/m",
+    "pose": "{} numbers: x_m, y_m, phi_rad",
+    "points": "points, each {} numbers: x and y in m",
     "mode": "a mode: {} values, for each segment 1 (soft) or 0 (rigid)",
     "kappa": "{} numbers: the curvature of each segment in 1/m",
     "wheel_rad_s": "{} numbers: the speed of each wheel in rad/s",
@@ -330,13 +352,20 @@ _SIZED = {  # what a robot has several of -> their words
 }
 
 
-def check_size(name: str, given: Any, size: int, what: str = "") -> None:
-    """Check that an argument is so many finite numbers; a mode, of 1 and 0.
+def check_size(name: str, given: Any, size: int, what: str = "", reached: bool = False) -> Any:
+    """Return an argument as an array of so many finite numbers, of 1 and 0 if it is a mode.
+
+    Points are (..., size). What a motion that may diverge has reached need not be finite.
 
     Raises:
         InputError: Says what the numbers are.
     """
     numbers, what = _numbers(given), what or name
-    of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers)
-    if numbers.shape not in ((size,), (size, 1)) or not of_kind.all():
+    reached |= what == "points"
+    of_kind = np.isin(numbers, (0, 1)) if what == "mode" else np.isfinite(numbers) | reached
+    if what != "points" and numbers.shape == (size, 1):  # a column, as CasADi has it
+        numbers = numbers[:, 0]
+    shape = numbers.shape[-1:] if what == "points" else numbers.shape
+    if shape != (size,) or not of_kind.all():
         raise InputError(name, given, _SIZED[what].format(size))
+    return numbers

@@ -6,7 +6,7 @@ whose velocities hold to the next message. ``/mode`` is the stiffness mode, 1 fo
 ``/segmentN/temperature`` is what the metal is expected to be and ``/segmentN/setpoint`` what its
 heater regulates to, in degrees Celsius. Times are the plan's, from zero; what does not change is
 not written again, but for the plan's end, at which every topic has a last message. The description,
-the path and ``/surroundings`` are latched: who subscribes later gets them, too. Surroundings are
+path, mode and ``/surroundings`` are latched: who subscribes later gets them, too. Surroundings are
 outlines: of obstacles in the world, of each object in a frame of its own that ``/tf`` moves.
 """
 
@@ -42,7 +42,7 @@ _TYPES = dict(  # interface -> its fields
     each.split("\n", 1) for each in data_file("export/interfaces.msg").split(_RULE)[1:]
 )
 
-_LATCHED = {"/robot_description", "/path", "/surroundings"}
+_LATCHED = {"/robot_description", "/path", "/mode", "/surroundings"}
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 _QOS = {  # of a publisher, in the numbers of rmw: reliable, keeps the last message
     **{"history": 1, "depth": 1, "reliability": 1, "durability": 2, "deadline": _FOREVER},

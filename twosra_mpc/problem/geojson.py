@@ -28,8 +28,12 @@ _THIN_M = 1e-3  # nothing to drive round is as small: another unit
 _TURN_DEG = 360.0
 _REMOTE = 100.0  # times its size from the origin is a map of the Earth, not of a room
 _KINDS = "Polygon, MultiPolygon, GeometryCollection, Feature or FeatureCollection"
-_DEGREES = re.compile(r"CRS:?(84|83|27)\b|WGS.?84$|EPSG\b.*\b4\d{3}\]?$", re.IGNORECASE)
-_METRES = re.compile(r"EPSG\b.*\b(3857|25[89]\d\d|32[67]\d\d)\]?$", re.IGNORECASE)  # Mercator, UTM
+_EPSG = re.compile(r"EPSG\b.*?(\d{4,5})\]?$", re.IGNORECASE)  # the code, however it is named
+_UNITS = {  # what names say, and codes of EPSG: state planes; geographic; Mercator and UTM
+    "feet": (r"\b(us.?)?(ft(us)?|feet|foot)\b", "2222-2289 2867-2930 4399-4433 26729-26870"),
+    "degrees": (r"CRS:?(84|83|27)\b|WGS.?84$", "4000-4999"),
+    "metres": ("^$", "3857-3857 25800-25999 32600-32799"),
+}
 _PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
 
@@ -132,7 +136,7 @@ def _frames_of(geometries: Any) -> Iterator[Any]:
 
 
 def _doubts_about_frame(frame: Any) -> Iterator[str]:
-    """Refuse coordinates in degrees, and doubt frames that are not known to be in metres."""
+    """Refuse coordinates in another unit, and doubt frames that are not known to be in metres."""
     axes = getattr(frame, "axis_info", None)  # of pyproj
     if axes:
         units = {axis.unit_name for axis in axes}
@@ -141,10 +145,21 @@ def _doubts_about_frame(frame: Any) -> Iterator[str]:
         return
     properties = frame.get("properties") if isinstance(frame, Mapping) else None
     named = properties.get("name", properties) if isinstance(properties, Mapping) else frame
-    if _DEGREES.search(str(named)):
-        raise InputError("crs", str(named), f"{_PROJECT}; these are degrees")
-    if not _METRES.search(str(named)):
+    unit = _unit_of(str(named))
+    if unit not in ("", "metres"):
+        raise InputError("crs", str(named), f"{_PROJECT}; these are {unit}")
+    if not unit:
         yield f"crs = {named!r} is not known here; its coordinates are taken as metres"
+
+
+def _unit_of(frame: str) -> str:
+    """Unit of a coordinate reference system by its name; nothing if that is not known here."""
+    code = int(found[1]) if (found := _EPSG.search(frame)) else 0
+    for unit, (words, codes) in _UNITS.items():
+        ends = (map(int, each.split("-")) for each in codes.split())
+        if re.search(words, frame, re.IGNORECASE) or any(a <= code <= b for a, b in ends):
+            return unit
+    return ""
 
 
 def _doubts_about_lengths(bounds: Sequence[tuple[float, float, float, float]]) -> Iterator[str]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import BeforeValidator, field_validator, model_serializer, model_validator
 
+from twosra_mpc.arguments import check_size
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -157,7 +158,8 @@ class Tolerance(Value):
     @classmethod
     def of(cls, widths: Array) -> Tolerance:
         """The tolerance with these half-widths, (3 + n,)."""
-        x_m, y_m, phi_rad, *kappa_per_m = widths.tolist()
+        numbers = check_size("widths", widths, max(np.size(widths), POSE + 1))
+        x_m, y_m, phi_rad, *kappa_per_m = numbers.tolist()
         return cls(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
 
 
@@ -213,6 +215,7 @@ class Goal(GoalSet):
 
     def shaped(self, kappa: Array, within_per_m: float) -> Goal:
         """Return the goal with shapes near ``kappa`` (n,) only, where it leaves a choice."""
+        kappa = check_size("kappa", kappa, len(self.kappa_per_m))
         middle, width = self.configuration[POSE:], self.half_width[POSE:]
         free = np.isnan(middle) | (width > within_per_m)
         tolerance = (self.tolerance or Tolerance()).with_values(
@@ -237,12 +240,12 @@ class Goal(GoalSet):
 
     def aim(self, q: Array) -> Array:
         """The middle of the box, free coordinates as in ``q``, shape (3 + n,)."""
-        middle = self._turned_to(q)
+        middle = self._turned_to(self._sized("q", q))
         return np.where(np.isnan(middle), q, middle)
 
     def box(self, near: Array) -> tuple[Array, Array]:
         """Ends of the box, infinite where free, headings turned next to that of ``near``."""
-        middle = self._turned_to(near)
+        middle = self._turned_to(self._sized("near", near))
         free = np.isnan(middle)
         width = np.where(free, np.inf, self.half_width)
         middle[free] = 0.0
@@ -255,16 +258,22 @@ class Goal(GoalSet):
             middle[2] = q[2] + math.remainder(middle[2] - q[2], math.tau)
         return middle
 
+    def _sized(self, name: str, q: Array) -> Array:
+        """``q``, checked to be one of a robot with as many segments."""
+        checked: Array = check_size(name, q, POSE + len(self.kappa_per_m), "q", True)
+        return checked
+
     def loosened(self, widths: Array) -> Goal:
         """Return the goal with tolerances wider by ``widths`` (3 + n,), or narrower, down to 0."""
-        return self.with_values(tolerance=Tolerance.of(np.maximum(self.half_width + widths, 0.0)))
+        more = check_size("widths", widths, POSE + len(self.kappa_per_m))
+        return self.with_values(tolerance=Tolerance.of(np.maximum(self.half_width + more, 0.0)))
 
     def error(self, q: Array) -> Array:
         """Signed distance of ``q`` to the goal box, shape (3 + n,); 0 inside and where free.
 
         Not a number where ``q`` is not finite.
         """
-        difference = q - self.configuration
+        difference = self._sized("q", q) - self.configuration
         if self.phi_modulo and math.isfinite(difference[2]):
             difference[2] = math.remainder(difference[2], math.tau)
         outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import field_validator, model_validator
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import check_size, public
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
@@ -86,7 +86,7 @@ class Object(Value):
 
     def at(self, pose: Array) -> Obstacle:
         """The obstacle that it is at a pose (3,)."""
-        x, y, phi = np.asarray(pose, dtype=float).tolist()
+        x, y, phi = check_size("pose", pose, POSE).tolist()
         if self.disc is not None:
             return Obstacle(name=self.name, disc=Disc(x_m=x, y_m=y, radius_m=self.disc.radius_m))
         corners = self.box.corners_m if self.box is not None else np.array(self.polygon_m)

@@ -386,6 +386,9 @@ class Problem(Value):
 
     def world_with(self, poses: Sequence[Array | None]) -> World:
         """Surroundings of the robot with objects at poses (3,); None: not in the way."""
+        if len(poses) != len(self.objects):
+            allowed = f"a pose or None for each of {len(self.objects)} objects"
+            raise InputError("poses", len(poses), allowed)
         placed = zip(self.objects, poses, strict=True)
         there = [item.at(pose) for item, pose in placed if pose is not None]
         return self.world.with_values(obstacles=(*self.obstacles, *there))

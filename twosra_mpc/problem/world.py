@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from twosra_mpc.arguments import check_size
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Several, Value
@@ -53,7 +54,10 @@ class Workspace(Value):
 
     def holding(self, points: Array) -> Workspace:
         """The box, no smaller than these points (..., 2) need with a millimetre around them."""
-        flat, (low, high) = points.reshape(-1, 2), self.corners_m
+        flat, (low, high) = (
+            check_size("points", points, 2).reshape(-1, 2),
+            self.corners_m,
+        )
         low = np.minimum(low, flat.min(axis=0) - _AROUND_M).tolist()
         high = np.maximum(high, flat.max(axis=0) + _AROUND_M).tolist()
         x_m, y_m = zip(low, high, strict=True)
@@ -61,7 +65,7 @@ class Workspace(Value):
 
     def margin_m(self, points: Array) -> Array:
         """Signed distance of points (..., 2) to the edges; negative outside, by the worse axis."""
-        low, high = self.corners_m
+        points, (low, high) = check_size("points", points, 2), self.corners_m
         margin: Array = np.minimum(points - low, high - points).min(axis=-1)
         return margin
 

@@ -9,9 +9,9 @@ the ranges in the robot file (5 % and 95 % values). ``twosra replay`` makes the 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
-from twosra_mpc.arguments import public
+from twosra_mpc.arguments import Range, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
 from twosra_mpc.keys import near_word
@@ -46,15 +46,15 @@ class Disturbance:
     slip_noise: NonNegative = 0.0
     dead_zone_rad_s: NonNegative = 0.0
     motor_lag_s: NonNegative = 0.0
-    pivot_rad_per_rad: tuple[NonNegative, NonNegative] = (0.0, 0.0)
+    pivot_rad_per_rad: Annotated[tuple[NonNegative, NonNegative], Range()] = (0.0, 0.0)
     slide_m_per_rad: NonNegative = 0.0
     split: NonNegative = 0.0
-    bend_share: tuple[NonNegative, NonNegative] = (1.0, 1.0)
+    bend_share: Annotated[tuple[NonNegative, NonNegative], Range()] = (1.0, 1.0)
     lengths: NonNegative = 0.0
     thermal_ranges: NonNegative = 0.0
     thermistor: NonNegative = 0.0
     camera: Camera = field(default_factory=Camera)
-    delay_frames: tuple[Count, Count] = (0, 0)
+    delay_frames: Annotated[tuple[Count, Count], Range()] = (0, 0)
     planning_s: NonNegative = 0.0
 
 

@@ -8,7 +8,7 @@ scenarios; trial n of the hardware has the task ``paper-n``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.problem.problem import load_problem
@@ -32,12 +32,12 @@ class Simulation:
     step_s: float
     switches: tuple[int, ...]
 
-    @property
+    @cached_property
     def start(self) -> Array:
         """First configuration [m, m, rad, 1/m, 1/m], (5,)."""
         return load_problem(self.task).start.configuration
 
-    @property
+    @cached_property
     def goal(self) -> Array:
         """Target [m, m, rad, 1/m, 1/m], (5,)."""
         return load_problem(self.task).goal.configuration
