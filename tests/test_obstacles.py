@@ -29,12 +29,12 @@ from twosra_mpc.planning.solver.sequence_solver import checked
 from twosra_mpc.planning.solver.stations import HIDDEN_S, Stations, chains
 from twosra_mpc.planning.stages.necessity import Necessity
 from twosra_mpc.problem.ends import check_shapes, check_workspace
-from twosra_mpc.robot.coordinates import POSE, Array, composed
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
-from twosra_mpc.space.separation import Separation
+from twosra_mpc.space.separation import placed
 
 ROBOT = load_robot("2sra-v1")
 LEFT = {"x_m": -0.42, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
@@ -272,12 +272,8 @@ def test_a_sweep_that_is_clear_is_clear_at_every_shape() -> None:
     assert clear.any()
     assert not (clear & ~may).any()
     for pose in at[clear][:20]:
-        each = (Separation(footprint(ROBOT.geometry, q[POSE:]), world, 0.002) for q in made.nodes)
-        places = composed(pose, made.nodes[:, :POSE])
-        assert all(
-            one.distances(place[None])[0] >= one.kept_m
-            for one, place in zip(each, places, strict=True)
-        )
+        corners = placed(sweep._pieces, np.tile(pose, (len(sweep._pieces), 1)))
+        assert (sweep._around.distances(corners) >= sweep._around.kept_m).all()
 
 
 class Line:

@@ -14,7 +14,7 @@ from twosra_mpc.problem.world import Workspace, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint, footprint
-from twosra_mpc.space.separation import FAR_M, Pieces, Separation, Surroundings, placed
+from twosra_mpc.space.separation import FAR_M, Separation, Surroundings, placed
 
 SAME_M = 1e-9
 ROBOTS = [load_robot(name) for name in ("2sra-v1", "2sr-v2", "3sra")]
@@ -59,7 +59,7 @@ def test_the_depth_is_the_shortest_way_out(seed: int) -> None:
     middle = np.array([hull.centroid.x, hull.centroid.y])
     box = middle + np.array([(-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.05, 0.03)])
     world = World(**{"obstacles": [{"polygon_m": shapely.get_coordinates(hull)[:-1].tolist()}]})
-    depth = -float(Surroundings(world, 0.0).distances(Pieces(box[None]), np.zeros((1, 3)))[0])
+    depth = -float(Surroundings(world, 0.0).distances(box[None, None])[0])
     assert depth > 0
     angles = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
     away = np.column_stack([np.cos(angles), np.sin(angles)])
