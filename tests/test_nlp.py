@@ -5,7 +5,9 @@ from __future__ import annotations
 import gc
 import math
 import weakref
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from problems import ROBOT, bound_of, network_of, random_problem
@@ -15,6 +17,7 @@ from twosra_mpc import Problem, load_problem
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.solver import fixed_sequence
 from twosra_mpc.planning.solver.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,
@@ -24,7 +27,7 @@ from twosra_mpc.planning.solver.fixed_sequence import (
     solve_status,
 )
 from twosra_mpc.planning.solver.guess import bent, guess_motion
-from twosra_mpc.planning.solver.multiple_shooting import ipopt, transcribe
+from twosra_mpc.planning.solver.multiple_shooting import MOST_ADDED, ipopt, transcribe
 from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.planning.solver.terminal_correction import TERMINAL_TOLERANCE, correct_end
 from twosra_mpc.problem.limits import interval_durations
@@ -217,3 +220,20 @@ def test_a_screw_motion_covers_any_rigid_pose_change() -> None:
         _, guess, _ = set_up(free, (RIGID,))
         assert np.abs(free.goal.error(guess.end.copy())).max() < 1e-9
         assert abs(guess.inputs[0, :, 4].sum()) <= math.pi + 1e-9
+
+
+def test_a_hopeless_program_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From far off no more is added to its Hessian than iterations are counted for."""
+    problem, sequence, used = random_problem(6), (SOFT_BOTH, SOFT_2), list[ca.Function]()
+
+    def noted(*args: Any) -> Any:
+        made = ipopt(*args)
+        used.append(made[1])
+        return made
+
+    monkeypatch.setattr(fixed_sequence, "ipopt", noted)
+    start, network = problem.start.configuration, network_of(problem, sequence)
+    far = guess_motion(problem.robot, start, problem.goal, sequence, np.array([0.04, 0.34]), 10)
+    solve(far, network, problem)
+    added = used[0].stats()["iterations"]["regularization_size"]
+    assert 1.0 < max(added) <= MOST_ADDED * (1 + 1e-9)

@@ -40,6 +40,7 @@ from twosra_mpc.timing import EventLayout
 
 INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
 TIME_SCALE = 100.0  # s
+MOST_ADDED = 1e6  # to the Hessian: every try to add more factorises anew, which nobody counts
 
 
 def state_scale(robot: Robot | Body) -> Array:
@@ -238,6 +239,7 @@ def ipopt(
         "ipopt.tol": 1e-8,
         "ipopt.mu_strategy": "adaptive",
         "ipopt.bound_relax_factor": 0.0,
+        "ipopt.max_hessian_perturbation": MOST_ADDED,
     }
     solver = ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
     return transcription, solver, stopping
