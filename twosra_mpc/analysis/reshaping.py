@@ -151,7 +151,7 @@ def _drives(problem: Problem) -> Iterator[tuple[str, Callable[[int, Problem], bo
     Where the shapes differ, b0 moves on by ``soft_travel_m`` at most while it reshapes, and may
     turn by any angle.
     """
-    if not (is_rigid(problem.start_mode) and is_rigid(problem.goal.mode)):
+    if not problem.start_stiffness == problem.goal.mode == problem.robot.rigid:
         return
     geometry, start = problem.robot.geometry, problem.start.configuration
     own, here = footprint(geometry, start[POSE:]), (start[:POSE], start[:POSE])
