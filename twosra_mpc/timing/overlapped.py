@@ -65,6 +65,10 @@ class Overlapped(TransitionModel):
     def _lead(self, melt: Event) -> float:
         return self._melt_lead if melt.number else self._first_lead(melt.segment)
 
+    def _is_under_way(self, event: Event) -> bool:
+        """Whether a change of metal that is changing at t = 0 goes on, or back, from then on."""
+        return event.number == 0 and self.first[event.segment] is None
+
     def _plateau(self, event: Event) -> float:
         soft = event.to == "soft"
         whole = self.times.melt_changing_s if soft else self.times.freeze_changing_s
@@ -102,7 +106,7 @@ class Overlapped(TransitionModel):
     ) -> TemporalNetwork:
         del least_durations  # these times depend on nothing
         layout = EventLayout(len(sequence), len(last))
-        least, holds, heated, melting_s = layout.phase_order(), [], 0.0, 0.0
+        least, holds, heated, changing_s = layout.phase_order(), [], 0.0, 0.0
         previous = layout.origin
         heater = self.problem.robot.heater
         melt_W = heater.power_W(heater.melt_current_A)
@@ -116,19 +120,15 @@ class Overlapped(TransitionModel):
             least[onset, layout.start(event.gap)] = self._plateau(event)
             if event.number == 0:
                 least[layout.origin, onset] = self._first_lead(event.segment)
-                if self.first[event.segment] is None:  # it changes already
-                    least[onset, layout.origin] = 0.0
-            elif event.to == "soft":
-                least[previous, onset] = self.times.freeze_changing_s + self._melt_lead
             else:
-                least[previous, onset] = melting_s
+                least[previous, onset] = changing_s + self._melt_lead * (event.to == "soft")
             if event.to == "soft":
-                melting_s = self._plateau(event)
-                heated += self._lead(event) + melting_s
+                heated += self._lead(event) + self._plateau(event)
             elif event.number:
-                heated -= liquid_W * melting_s / melt_W
+                heated -= liquid_W * changing_s / melt_W
                 holds.append(Hold(previous, onset, liquid_W))
-            previous = onset
+            changing_s = self._plateau(event)
+            previous = layout.origin if self._is_under_way(event) else onset
         energy_J = heated * melt_W
         made = TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
@@ -187,7 +187,7 @@ class Overlapped(TransitionModel):
     def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         molten = {j: self._molten_s(j) for j, soft in enumerate(self.first) if soft == 1}
         for event in network.events:
-            onset = times[network.layout.onset_of(event)]
+            onset = times[network.layout.onset_of(event)] * (not self._is_under_way(event))
             done = onset + self._plateau(event)
             if event.to == "soft":
                 lead = self._lead(event)
