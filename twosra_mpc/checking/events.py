@@ -164,7 +164,7 @@ class Events:
         heated, frozen = arb(times.reconfigure_s) - cooled, sum(share > 0 for share in mode)
         if is_rigid(after):
             cooled, heated = arb(times.freeze_s), arb(0)
-        elif all(share < 1 and soft for share, soft in zip(mode, after, strict=True) if share):
+        elif not frozen or (max(mode) < 1 and [share > 0 for share in mode] == list(after)):
             least = min(share for share, soft in zip(mode, after, strict=True) if soft)
             cooled, heated, frozen = arb(0), times.heat_s * (1 - arb(least)), 0
         energy_J = heated * sum(after) * arb(heater.melt_current_A) ** 2 * heater.resistance_ohm

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
@@ -28,7 +28,8 @@ Molten = tuple[float, ...]  # how much of each segment is molten; a mode is one
 class Sequential(TransitionModel):
     """Fixed waits: to soft, to rigid, and from one soft mode to another, cooled in between.
 
-    Of a change that is under way at t = 0, what is left takes its share of a wait.
+    Of a change that is under way at t = 0, what is left takes its share of a wait: what is partly
+    molten freezes, or melts on if nothing else is to be soft, or cools before all else is heated.
     """
 
     times: SequentialTiming
@@ -45,7 +46,8 @@ class Sequential(TransitionModel):
             return 0.0, 0.0
         if is_rigid(after):
             return times.freeze_s * most, 0.0
-        if all(share < 1 and soft for share, soft in zip(before, after, strict=True) if share):
+        begun = tuple(math.ceil(share) for share in before)
+        if most < 1 and begun in (rigid_mode(len(before)), after):
             left = max(1 - share for share, soft in zip(before, after, strict=True) if soft)
             return 0.0, times.heat_s * left
         return times.reconfigure_cool_s * most, times.reconfigure_s - times.reconfigure_cool_s

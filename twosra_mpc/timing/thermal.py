@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.thermal.heating import (
@@ -156,6 +157,10 @@ class Thermal(TransitionModel):
 @dataclass(frozen=True)
 class ThermalHeating(TemperatureTrajectory, SegmentHeating):
     """Heater and state by the thermal model, piece by piece."""
+
+    def body_C(self, t: Array) -> Array | None:
+        states = self.states_at(t)
+        return states[1] if len(states) > 1 else None
 
     def event_times(self) -> list[float]:
         changes = [t for item in self.transitions for t in item[2:]]

@@ -60,6 +60,11 @@ class SegmentHeating(ABC):
     def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
         """Expected temperature [C] and melt fraction, from 0 (solid) to 1 (liquid)."""
 
+    def body_C(self, t: Array) -> Array | None:
+        """Expected temperature of what is around the metal [C]; None: it is as warm."""
+        del t
+        return None
+
     @abstractmethod
     def energy_J(self, until_s: float) -> float:
         """Heater energy from t = 0."""
