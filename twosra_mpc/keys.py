@@ -62,6 +62,7 @@ _ALIASES = {  # what others call a key, without its unit
     **dict.fromkeys(("target", "end", "final", "to", "stop"), "goal"),
     **dict.fromkeys(("waypoints", "waypoint", "via", "mission"), "tasks"),
     **dict.fromkeys(("temp", "T", "temperatures"), "temperature_C"),
+    **dict.fromkeys(("molten", "liquid_fraction", "fraction"), "melt_fraction"),
     **dict.fromkeys(("margin", "safety", "distance"), "clearance_m"),
     **dict.fromkeys(("tol", "accuracy", "epsilon"), "tolerance"),
     **dict.fromkeys(("timeout", "max_time"), "time_limit_s"),
