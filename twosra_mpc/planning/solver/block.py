@@ -16,7 +16,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.space.footprint import SAGITTA_M, footprints, kept_m, reach_per_curvature_m2
-from twosra_mpc.space.separation import Pieces, Surroundings, placed
+from twosra_mpc.space.separation import Surroundings, placed
 
 Shares = tuple[float, float]
 
@@ -87,7 +87,7 @@ class Sweep:
     ) -> None:
         geometry = robot.geometry
         pieces, _ = footprints(geometry, block.nodes[:, POSE:], sagitta_m)
-        self._corners = placed(pieces, block.nodes[:, :POSE])
+        self._pieces = placed(pieces, block.nodes[:, :POSE])
         self._around = Surroundings(world, kept_m(world, geometry))
         radius = float(np.linalg.norm(pieces, axis=-1).max())
         travel = _travel_m(block.nodes, geometry, radius)
@@ -96,19 +96,19 @@ class Sweep:
 
     def may_be_clear(self, poses: Array) -> NDArray[np.bool_]:
         """True if some shapes on the way are clear where the block begins at poses (m, 3), (m,)."""
-        last = len(self._corners) - 1
+        last = len(self._pieces) - 1
         left = np.arange(len(poses))
         for k in dict.fromkeys([last, 0, *range(0, last, max(1, last // _COARSE))]):
-            kept_m = self._around.distances(Pieces(self._corners[k]), poses[left])
-            left = left[kept_m >= self._around.kept_m]
+            corners = placed(self._pieces[k], poses[left])
+            left = left[self._around.distances(corners) >= self._around.kept_m]
         clear = np.zeros(len(poses), dtype=bool)
         clear[left] = True
         return clear
 
     def clear(self, pose: Array) -> bool:
         """True if the whole sweep is clear where the block begins at a pose (3,)."""
-        poses = np.tile(pose, (len(self._corners), 1))
-        return bool((self._around.distances(Pieces(self._corners), poses) >= self._needed).all())
+        corners = placed(self._pieces, np.tile(pose, (len(self._pieces), 1)))
+        return bool((self._around.distances(corners) >= self._needed).all())
 
 
 def _travel_m(nodes: Array, geometry: Geometry, radius: float) -> Array:
