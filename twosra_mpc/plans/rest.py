@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twosra_mpc.errors import InputError
@@ -77,7 +79,7 @@ def _held(trajectory: Trajectory, time_s: float) -> str | None:
     return held
 
 
-def _tasks_left(trajectory: Trajectory, time_s: float) -> tuple[Task, ...]:
+def _tasks_left(trajectory: Trajectory, time_s: float) -> Sequence[Task]:
     """Tasks that are not done by then, in the order of the plan."""
     problem, samples = trajectory.problem, trajectory.samples
     if problem.is_mission:
