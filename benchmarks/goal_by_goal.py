@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.rest import objects_at, start_at
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Task
-from twosra_mpc.robot.coordinates import POSE, Array
 
 TEMPERATURES = {"cold": "each from cold", "carried on": "with temperatures carried on"}
-_CLEARLY_K = 0.5  # least distance of a segment's temperature from where it melts
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,26 +115,9 @@ def _alone(problem: Problem, tasks: tuple[Task, ...], goal_is_last: bool) -> Pro
 
 def _from_the_end_of(before: Trajectory, problem: Problem, *, cold: bool) -> Problem:
     """The problem from where a plan ends: objects are there, and perhaps it is still warm."""
-    end = before.at([before.duration_s])
-    x_m, y_m, phi_rad, *kappa_per_m = end.q[0].tolist()
-    start = problem.start.with_values(
-        x_m=x_m,
-        y_m=y_m,
-        phi_rad=phi_rad,
-        kappa_per_m=tuple(kappa_per_m),
-        temperature_C=None if cold else _temperatures(problem, end.temperature_C[0], end.mode[0]),
-    )
-    poses = object_poses(before, end.t_s)[0] if problem.objects else np.zeros((0, POSE))
-    objects = [
-        item.with_values(pose=dict(zip(("x_m", "y_m", "phi_rad"), pose, strict=True)))
-        for item, pose in zip(problem.objects, poses.tolist(), strict=True)
-    ]
-    return problem.with_values(start=start, objects=tuple(objects))
-
-
-def _temperatures(problem: Problem, measured_C: Array, mode: Array) -> tuple[float, ...]:
-    """Temperatures that are clearly of the stiffness that segments have."""
-    solid, liquid = np.array(problem.segment_thresholds_C).T
-    soft = np.maximum(measured_C, liquid + _CLEARLY_K)
-    rigid = np.minimum(measured_C, solid - _CLEARLY_K)
-    return tuple(np.where(mode, soft, rigid).tolist())
+    end_s, holding = before.duration_s, problem.start.holding
+    start = start_at(before, end_s).with_values(holding=holding)
+    if cold:
+        metal = ("temperature_C", "melt_fraction", "body_temperature_C")
+        start = start.with_values(**dict.fromkeys(metal))
+    return problem.with_values(start=start, objects=objects_at(before, end_s))

@@ -73,7 +73,7 @@ def test_the_attackers_melts_and_freezes_are_those_of_the_timing(seed: int) -> N
     energy = 0.0
     if isinstance(model, Thermal):
         for j, (plan, temperature) in enumerate(
-            zip(model.plans, made.problem.temperatures, strict=True)
+            zip(model.plans, made.problem.start_states, strict=True)
         ):
             own = [item for item in items if item.segment == j + 1]
             onsets = [(item.to, item.onset_s) for item in own]

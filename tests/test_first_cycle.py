@@ -22,10 +22,10 @@ TWICE = (RIGID, SOFT_1, RIGID, SOFT_1, RIGID)
 def ends_of(problem: Problem, onset_s: float, held_s: float) -> tuple[float, float, float]:
     """(end of the melt, onset, end of the freeze) if a melt begins then and the metal is held."""
     heating = thermal_model(problem).plans[0]
-    start_C = problem.temperatures[0]
-    melt = heating.heated(start_C, False, [("soft", onset_s)])[1][0]
+    start = problem.start_states[0]
+    melt = heating.heated(start, False, [("soft", onset_s)])[1][0]
     onsets: Any = [("soft", onset_s), ("rigid", melt.done_s + held_s)]
-    freeze = heating.heated(start_C, False, onsets)[1][1]
+    freeze = heating.heated(start, False, onsets)[1][1]
     return melt.done_s, freeze.onset_s, freeze.done_s
 
 

@@ -57,12 +57,17 @@ class Heated(NamedTuple):
 
 
 def heated(
-    transitions: Sequence[Transition], *, liquid: bool, superheat_s: float = SUPERHEAT_S
+    transitions: Sequence[Transition],
+    *,
+    liquid: bool,
+    superheat_s: float = SUPERHEAT_S,
+    start_C: float = SOFT,
 ) -> list[Heated]:
     """Periods between heater on and off, read off the transitions."""
     ons = [(item.heater_s, item.done_s + superheat_s) for item in transitions if item.to == "soft"]
     offs = [item.heater_s for item in transitions if item.to == "rigid"]
-    ons = [(-math.inf, -math.inf), *ons] if liquid else ons
+    hot = superheat_s * (SOFT - start_C) / (SOFT - MELTING)
+    ons = [(-math.inf, hot), *ons] if liquid else ons
     offs += [math.inf] * (len(ons) - len(offs))
     return [Heated(on, hot, off) for (on, hot), off in zip(ons, offs, strict=True)]
 
@@ -121,6 +126,7 @@ def assert_setpoints(some: Plan) -> None:
             of_segment(some, j + 1),
             liquid=bool(some.problem.start_mode[j]),
             superheat_s=SUPERHEAT_S if some.problem.timing == "constant" else 0.0,
+            start_C=some.problem.temperatures[j],
         )
         for t, i in zip(times, index, strict=True):
             current = [MELT_A if t < p.hot else HOLD_A for p in periods if p.on <= t < p.off]
@@ -459,5 +465,5 @@ def test_each_segment_gets_its_own_transitions(waits: list[Cycle], segment: int)
         assert split[2 - segment].transitions == ()
         start = [item.temperature_and_melt_fraction(np.zeros(1)) for item in split]
         assert start == [(AMBIENT, 0.0)] * 2
-        assert not any(item.soft_at_start for item in split)
+        assert not any(item.molten_at_start for item in split)
         assert split[2 - segment].energy_J(1e4) == 0.0 < split[segment - 1].energy_J(1e4)

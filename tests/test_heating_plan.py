@@ -44,7 +44,7 @@ def made(
     heating: HeatingPlan, start_C: float, onsets: list[tuple[Stiffness, float]]
 ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
     """The temperature trajectory of a segment that is solid at the start."""
-    return heating.heated(start_C, soft=False, onsets=onsets)
+    return heating.heated(heating.model.initial(start_C), soft=False, onsets=onsets)
 
 
 # --- what happens when ---------------------------------------------------------------------------
@@ -62,7 +62,7 @@ def test_the_metal_passes_its_thresholds_when_the_trajectory_says(
     soft = bool(problem.start_mode[0])
     kinds: list[Stiffness] = ["soft", "rigid", "soft", "rigid"]
     asked = list(zip(kinds[soft:], np.cumsum(waits), strict=False))
-    trajectory, timed = heating.heated(problem.temperatures[0], soft, asked)
+    trajectory, timed = heating.heated(problem.start_states[0], soft, asked)
     span = model.liquid_level - model.solid_level
     before = 0.0
     for (to, onset), item in zip(asked, timed, strict=True):
@@ -86,7 +86,7 @@ def test_currents_that_vary_are_sampled_with_their_energy_and_effect(
     trajectory, model = found.trajectories[0], heating_of(problem).model
     t = np.unique([*np.arange(0.0, found.finish_s, 5.0), *trajectory.event_times(), found.finish_s])
     t = t[t <= found.finish_s]
-    state, energy = model.initial(problem.temperatures[0]), 0.0
+    state, energy = problem.start_states[0], 0.0
     for current, span in zip(
         trajectory.current_A(t)[:-1].tolist(), np.diff(t).tolist(), strict=True
     ):

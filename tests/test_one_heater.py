@@ -149,7 +149,7 @@ def test_no_segment_of_the_papers_robot_coasts_while_the_other_one_melts(
 ) -> None:
     """What the refusal of two overlapping melts rests on: 18.8 s of coasting, 36.4 s to melt."""
     problem = thermal_problem(ambient_C=ambient_C, transition_quantile=quantile)
-    least = LeastTimes(thermal_model(problem).plans[0], ambient_C)
+    least = LeastTimes(thermal_model(problem).plans[0], problem.start_states[0])
     assert least.longest_coasting_s < min(least.melting_s, least.first_melting_s)
 
 

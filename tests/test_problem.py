@@ -187,7 +187,7 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ("goal.kappa_per_m", ["free", 78.6], "goal.kappa_per_m.1", r"from -78\.5 to 78\.5 1/m"),
     ("start.temperature_C", [-0.1, 25.0], "start.temperature_C.0", "from 0 to 85 C"),
     ("start.temperature_C", [25.0, 85.1], "start.temperature_C.1", "from 0 to 85 C"),
-    ("start.temperature_C", [25.0, 61.0], "start.temperature_C.1", "not exactly the melting point"),
+    ("start.temperature_C", [25.0, 61.0], "start.temperature_C.1", "with start.melt_fraction"),
     ("goal.tolerance.y_m", -0.1, "goal.tolerance.y_m", "greater than or equal to 0"),
     (
         "goal.tolerance.kappa_per_m",

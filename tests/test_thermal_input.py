@@ -39,24 +39,59 @@ SCENARIOS: list[tuple[str, Document, str, object, str]] = [
     ("2sra-v1", {"ambient_C": "warm"}, "ambient_C", "warm", "number"),
     (
         "2sr-v2",
-        {"start__temperature_C": [53.1, 22.0]},
+        {"start__temperature_C": [53.1, 22.0], "start__melt_fraction": [0.0, 0.0]},
         "start.temperature_C.0",
         53.1,
-        r"^at most 53 C \(solid\) or at least 68.3642 C \(liquid\)$",
+        "^at most 53 C: melt_fraction says solid$",
     ),
     (
         "2sr-v2",
-        {"start__temperature_C": [22.0, 61.9]},
+        {"start__temperature_C": [22.0, 61.9], "start__melt_fraction": [0.0, 1.0]},
         "start.temperature_C.1",
         61.9,
-        r"at most 53 C \(solid\) or at least 68.3642 C \(liquid\)",
+        "^at least 68.3642 C: melt_fraction says liquid$",
+    ),
+    (
+        "2sr-v2",
+        {"start__temperature_C": [22.0, 61.9], "start__melt_fraction": [0.0, 0.5]},
+        "start.temperature_C.1",
+        61.9,
+        "^60.6821 C: melt_fraction says that 50 % is molten$",
+    ),
+    (
+        "2sra-v1",
+        {"start__temperature_C": [25.0, 50.0], "start__melt_fraction": [0.0, 0.5]},
+        "start.temperature_C.1",
+        50.0,
+        "^61 C: melt_fraction says that 50 % is molten$",
+    ),
+    (
+        "2sra-v1",
+        {"start__melt_fraction": [0.0, 1.5]},
+        "start.melt_fraction.1",
+        1.5,
+        r"^from 0 \(solid\) to 1 \(liquid\)$",
+    ),
+    (
+        "2sra-v1",
+        {"start__body_temperature_C": [30.0, 25.0]},
+        "start.body_temperature_C.0",
+        30.0,
+        "^25 C, as its metal: it has no other node$",
+    ),
+    (
+        "2sr-v2",
+        {"start__temperature_C": [57.0, 22.0], "start__body_temperature_C": [58.0, 22.0]},
+        "start.body_temperature_C.0",
+        58.0,
+        "^from 0 to 57 C, its metal being so$",
     ),
     (
         "2sra-v1",
         {"start__temperature_C": [61.0, 25.0]},
         "start.temperature_C.0",
         61.0,
-        "not exactly the melting point 61 C: solid or liquid",
+        "^with start.melt_fraction: at 61 C metal may be solid or liquid$",
     ),
     (
         "2sra-v1",
@@ -92,13 +127,6 @@ SCENARIOS: list[tuple[str, Document, str, object, str]] = [
     ("2sra-v1", {"transition_quantile": "0.9"}, "transition_quantile", "0.9", "number"),
     ("2sra-v1", {"heaters_at_once": 0}, "heaters_at_once", 0, "greater than or equal to 1"),
     ("2sra-v1", {"heaters_at_once": 3}, "heaters_at_once", 3, "1 or 2"),
-    (
-        "2sra-v1",
-        {"heaters_at_once": 1, "start__temperature_C": [64.0, 70.0]},
-        "heaters_at_once",
-        1,
-        "^2: both segments are liquid at the start$",
-    ),
 ]
 
 
@@ -120,18 +148,23 @@ def test_the_limits_of_what_is_refused_are_accepted(robot: str) -> None:
     assert Problem(**scenario(robot, heaters_at_once=1, start__temperature_C=[85.0, 0.0]))
 
 
-def test_between_the_thresholds_of_the_follow_up_robot_only_constant_times_know_what_it_is() -> (
-    None
-):
+def test_between_the_thresholds_of_the_follow_up_robot_metal_is_changing() -> None:
     warm = {"start__temperature_C": [57.0, 22.0]}
-    assert Problem(**scenario("2sr-v2", **warm, timing="constant")).start_mode == (0, 0)
-    assert refusal(lambda: Problem(**scenario("2sr-v2", **warm))).field == "start.temperature_C.0"
+    assert Problem(**scenario("2sr-v2", **warm, timing="constant")).start_stiffness == (0, 0)
+    problem = Problem(**scenario("2sr-v2", **warm))
+    assert problem.start_stiffness == (None, 0)
+    assert problem.start_mode == (0, 0)
+    share = problem.melt_fractions[0]
+    again = Problem(**scenario("2sr-v2", start__melt_fraction=[share, 0.0]))
+    assert again.temperatures == pytest.approx((57.0, 22.6))
 
 
-def test_a_liquid_start_below_the_set_point_may_still_be_too_cold_for_the_other_robot() -> None:
-    assert Problem(**scenario("2sra-v1", start__temperature_C=[61.5, 25.0])).start_mode == (1, 0)
-    error = refusal(lambda: Problem(**scenario("2sr-v2", start__temperature_C=[61.5, 25.0])))
-    assert (error.field, error.value) == ("start.temperature_C.0", 61.5)
+@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
+def test_at_the_melting_point_a_melt_fraction_tells_what_metal_is(timing: str) -> None:
+    for share, stiffness in ((0.0, 0), (0.3, None), (1.0, 1)):
+        given = {"start__temperature_C": [25.0, 61.0], "start__melt_fraction": [0.0, share]}
+        problem = Problem(**scenario("2sra-v1", **given, timing=timing))
+        assert problem.start_stiffness == (0, stiffness)
 
 
 def weak(document: Document, current_A: float) -> Document:
@@ -259,11 +292,9 @@ def test_all_that_is_wrong_is_reported_at_once() -> None:
         timing="constant",
         heating="keep_warm",
         transition_quantile=0.9,
-        heaters_at_once=1,
-        start__temperature_C=[70.0, 70.0],
     )
     found = {error.field for error in problems_of(refusal(lambda: Problem(**document)))}
-    assert found == {"heating", "transition_quantile", "heaters_at_once"}
+    assert found == {"heating", "transition_quantile"}
 
 
 @pytest.mark.parametrize("name", ["2sra-v1", "2sr-v2"])

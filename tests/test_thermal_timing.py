@@ -104,7 +104,8 @@ class Watched:
 
     def __init__(self, model: SegmentModel, state: State, *, soft: bool) -> None:
         self.model, self.state = model, state
-        self.now = "liquid" if soft else "solid"
+        solid = model.level(state) <= model.solid_level
+        self.now = "liquid" if soft else "solid" if solid else "melting"
         self.t = self.energy = 0.0
         self.onset = self.molten = (0.0, 0.0)
         self.broken_off = False
@@ -175,11 +176,11 @@ def test_no_currents_whatever_undercut_the_least_times_after_the_first_melt(
     problem: Problem, pieces: list[tuple[float, float]], wait: float
 ) -> None:
     """Any currents up to the set-point; before the first melt none, then all of it."""
-    heating, start_C = thermal_model(problem).plans[0], problem.temperatures[0]
-    model, least = heating.model, LeastTimes(heating, start_C)
+    heating, start = thermal_model(problem).plans[0], problem.start_states[0]
+    model, least = heating.model, LeastTimes(heating, start)
     top = model.level_at(heating.soft_setpoint_C)
     soft = bool(problem.start_mode[0])
-    segment = Watched(model, model.initial(start_C), soft=soft)
+    segment = Watched(model, start, soft=soft)
     if not soft:
         segment.heat(0.0, wait, top)
         melting = model.time_until(segment.state, heating.melt_current_A, model.liquid_level)

@@ -39,10 +39,13 @@ MIXED = Robot(
 
 
 def thermal_problem(robot: Robot = V1, **overrides: Any) -> Problem:
-    """A problem whose motion does not matter; start temperatures by ``temperature_C``."""
-    temperatures, count = overrides.pop("temperature_C", None), robot.coordinates.segments
-    straight = (0.0,) * count
-    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=straight, temperature_C=temperatures)
+    """A problem whose motion does not matter; the state of the metal by the keys of a start."""
+    keys, count = (
+        ("temperature_C", "melt_fraction", "body_temperature_C"),
+        robot.coordinates.segments,
+    )
+    metal, straight = {key: overrides.pop(key, None) for key in keys}, (0.0,) * count
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=straight, **metal)
     goal = {"kappa_per_m": (1.0,) * count, "mode": overrides.pop("last", robot.rigid)}
     given = {"robot": robot, "start": start, "goal": Goal(**goal), **overrides}
     return Problem(**given)
@@ -55,29 +58,39 @@ def thermal_model(problem: Problem) -> Thermal:
     return model
 
 
+def metal(
+    ambient_C: float, thresholds_C: tuple[float, float]
+) -> st.SearchStrategy[tuple[float, float, float]]:
+    """(temperature, melt fraction, temperature of the body): cold, changing, liquid or hot."""
+    solid, liquid = thresholds_C
+    cold = st.one_of(st.just(ambient_C), st.floats(0.0, solid), st.floats(solid - 5.0, solid))
+    hot = st.one_of(st.floats(liquid, liquid + 5.0), st.floats(liquid + 5.0, 85.0))
+    amid = st.one_of(st.just(0.5), st.floats(0.0, 1.0))
+    core = st.one_of(
+        cold.map(lambda now: (now, 0.0)),
+        hot.map(lambda now: (now, 1.0)),
+        amid.map(lambda share: (solid + share * (liquid - solid), share)),
+    )
+    return core.flatmap(
+        lambda now: st.floats(0.0, max(now[0], solid)).map(lambda body: (*now, body))
+    )
+
+
 @st.composite
 def thermal_problems(draw: st.DrawFn, robots: Sequence[Robot] = (V1, V2), **fixed: Any) -> Problem:
-    """Either robot in cold to warm air; segments cold, warm, just liquid or hot at the start."""
+    """Either robot in cold to warm air, its metal in any state at the start."""
     robot = draw(st.sampled_from(robots))
-    solid, liquid = thermal_problem(robot).stiffness_thresholds_C
     ambient = draw(st.sampled_from([1.0, robot.heater.ambient_C, 45.0]))
-    temperature = st.one_of(
-        st.just(ambient),
-        st.floats(0.0, solid - 0.01),
-        st.floats(solid - 5.0, solid - 0.01),
-        st.floats(liquid + 0.01, liquid + 5.0),
-        st.floats(liquid + 5.0, 85.0),
-    )
-    temperatures = [draw(temperature) for _ in range(robot.coordinates.segments)]
-    if fixed.get("heaters_at_once") == 1:  # at most one segment is liquid at the start
-        hottest = temperatures.index(max(temperatures))
-        temperatures = [
-            ambient if here >= liquid and j != hottest else here
-            for j, here in enumerate(temperatures)
-        ]
+    rows = [draw(metal(ambient, span)) for span in thermal_problem(robot).segment_thresholds_C]
+    nodes = [len(model.initial(ambient)) for model in thermal_problem(robot).segment_models]
+    temperatures, fractions, bodies = zip(*rows, strict=True)
+    if draw(st.booleans()):
+        every = zip(bodies, temperatures, nodes, strict=True)
+        fixed["body_temperature_C"] = [b if many > 1 else core for b, core, many in every]
     given = {
         "ambient_C": ambient,
-        "temperature_C": tuple(temperatures),
+        "temperature_C": temperatures,
+        "melt_fraction": fractions,
         "transition_quantile": draw(st.sampled_from([None, None, 0.5, 0.8, 0.95])),
         "heating": draw(st.sampled_from(["fastest", "fastest", "keep_warm"])),
         "weights": {"energy_s_per_J": draw(st.sampled_from([0.0, 0.01, 0.2]))},
@@ -173,8 +186,8 @@ def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) 
             if (event := due.get((gap, segment))) is None:
                 continue
             asked = [*onsets[segment], (event.to, ends[0] + wait)]
-            soft, temperature = bool(model.first[segment]), problem.temperatures[segment]
-            made = model.plans[segment].heated(temperature, soft, asked)[1][-1]
+            soft, start = model.first[segment] == 1, problem.start_states[segment]
+            made = model.plans[segment].heated(start, soft, asked)[1][-1]
             onsets[segment].append((event.to, made.onset_s))
             times[layout.onset(gap, segment)] = made.onset_s
             ends.append(made.done_s)
@@ -182,7 +195,7 @@ def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) 
         if gap < len(sequence):
             times[layout.end(gap)] = times[layout.start(gap)] + durations[gap]
     trajectories = [
-        model.plans[j].heated(problem.temperatures[j], bool(model.first[j]), onsets[j])[0]
+        model.plans[j].heated(problem.start_states[j], model.first[j] == 1, onsets[j])[0]
         for j in range(count)
     ]
     return History(network, times, trajectories)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from twosra_mpc.checking.sweep import stiffness
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
@@ -246,7 +247,7 @@ def complete_sequence(modes: ModeSequence, problem: Problem) -> ModeSequence:
     rigid = problem.robot.rigid
     if rigid not in problem.modes:
         return modes
-    opening = (rigid,) if problem.start_mode == rigid else ()
+    opening = (rigid,) if problem.start_stiffness == rigid else ()
     closing = (rigid,) if problem.goal.mode == rigid else ()
     return _merged((*opening, *modes, *closing))
 
@@ -255,13 +256,5 @@ def _passed_modes(made: Plan) -> list[Mode]:
     """Stiffness of the segments whenever none of them is changing, in order of time."""
     changes = made.transitions
     moments = {0.0, *(t.onset_s for t in changes), *(t.done_s for t in changes)}
-    passed: list[Mode] = []
-    for now in sorted(moments):
-        if any(t.onset_s + _SAME_S < now < t.done_s - _SAME_S for t in changes):
-            continue
-        mode = list(made.problem.start_mode)
-        for item in sorted(changes, key=lambda t: t.done_s):
-            if item.done_s <= now + _SAME_S:
-                mode[item.segment - 1] = int(item.to == "soft")
-        passed.append(tuple(mode))
-    return passed
+    known = (stiffness(made.trajectory, now) for now in sorted(moments))
+    return [tuple(soft for soft in mode if soft is not None) for mode in known if None not in mode]

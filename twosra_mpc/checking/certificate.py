@@ -73,7 +73,7 @@ class Checker:
         if problem.is_mission:
             raise InputError("tasks", "a mission", "a problem with one goal: others have no proof")
         self.problem, self.events, self.fibre = problem, Events(problem), Fibre(problem.robot)
-        self.first, self.last = problem.start_mode, problem.goal.mode
+        self.first, self.last = problem.start_stiffness, problem.goal.mode
         self.rigid, self.segments = rigid_mode(len(self.first)), range(len(self.first))
         start = problem.start.configuration
         limit = problem.robot.limits.curvature_per_m + BEYOND_PER_M

@@ -66,7 +66,7 @@ class Events:
         if type(problem.transition_times) not in kinds:
             raise InputError("timing", problem.timing, "one that is thermal, full or none")
         self.problem, self.weights = problem, problem.cost_weights
-        self.first, self.last = problem.start_mode, problem.goal.mode
+        self.first, self.last = problem.start_stiffness, problem.goal.mode
         waits, segments = type(problem.transition_times) is SequentialTiming, range(len(self.first))
         self.heats: list[Heat] = [] if waits else [heat(problem, j) for j in segments]
 
@@ -81,7 +81,8 @@ class Events:
         before, begin, held = ORIGIN, ORIGIN, [arb(0)] * len(self.first)
         never = len(sequence) + 1
         open_at_start = Dwell(0, -1, never, None, None, arb(0), arb(0))
-        dwells = [[open_at_start._replace(segment=j)] * soft for j, soft in enumerate(self.first)]
+        liquid = [now == 1 for now in self.first]
+        dwells = [[open_at_start._replace(segment=j)] * now for j, now in enumerate(liquid)]
         for gap, mode in enumerate((*sequence, self.last)):
             begin = ("start", gap, 0, 0)
             edges.append((before, begin, arb(0)))
@@ -89,27 +90,29 @@ class Events:
                 to = [mode[j]] if mode[j] != stiff[j] else []
                 if gap == len(sequence) and j in missing:
                     to = [1] if self.last[j] else [1, 0]
-                for stiff[j] in to:
+                if stiff[j] is None and not sequence:  # it may melt or freeze
+                    to = []
+                for soft in to:
                     onset, end = ("onset", gap, j, made[j]), ("done", gap, j, made[j])
                     lead, plateau = own.again, own.melt
                     cost += self.weights.transition_s
                     if made[j] == 0:
-                        lead, plateau = own.lead, own.first
-                        edges.append((ORIGIN, end, own.total))
-                    elif not stiff[j]:
+                        lead, plateau, total = own.first(soft)
+                        edges.append((ORIGIN, end, total))
+                    elif not soft:
                         lead, plateau = own.coast(made[j]), own.freeze(made[j], held[j])
                         holds.append((done[j], onset, self.weights.energy_s_per_J * own.hold_W))
-                    if stiff[j]:
+                    if soft:
                         energy, held[j] = own.melt_J if made[j] else own.first_J, arb(0)
                         cost += self.weights.energy_s_per_J * energy
                         warm = own.again if made[j] else own.warm
                         one = Dwell(j, gap, never, (onset, end), None, warm, warm + plateau)
                         dwells[j].append(one)
-                    else:
+                    elif dwells[j]:
                         dwells[j][-1] = dwells[j][-1]._replace(until=gap, freeze=onset)
                     edges += [(before, onset, arb(0)), (done[j], onset, lead)]
                     edges += [(onset, end, plateau), (end, begin, arb(0))]
-                    made[j], done[j] = made[j] + 1, end
+                    made[j], done[j], stiff[j] = made[j] + 1, end, soft
             if gap < len(sequence):
                 before = ("end", gap, 0, 0)
                 edges.append((begin, before, least[gap]))
@@ -127,6 +130,7 @@ class Events:
                 edges += [(a.melt[1], b.melt[0], b.lead)] if a.melt else []
                 edges.append((a.freeze, b.melt[0], late))
             both = max(a.since, b.since) < min(a.until, b.until, end)
+            both &= bool(a.melt or b.melt) or (a.freeze is None and b.freeze is None)
             if both and not self._coasts(a, b) and not self._coasts(b, a):
                 return True
         return False
@@ -139,7 +143,8 @@ class Events:
         self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int]
     ) -> Network:
         """The same where everything waits through every change of mode."""
-        edges, cost, before, mode = list[Edge](), arb(0), ORIGIN, self.first
+        edges, cost, before = list[Edge](), arb(0), ORIGIN
+        mode: tuple[float, ...] = tuple(self.problem.melt_fractions)
         for i, after in enumerate(sequence):
             wait, price = self._switch(mode, after)
             begin, end = ("start", i, 0, 0), ("end", i, 0, 0)
@@ -149,24 +154,26 @@ class Events:
         refused = self.problem.heaters_at_once == 1 and max(map(sum, (*sequence, self.last))) > 1
         return Network(edges, [], cost, before, refused)
 
-    def _switch(self, mode: Mode, after: Mode) -> tuple[arb, arb]:
-        """Wait between two modes, and what its transitions and melts cost besides."""
+    def _switch(self, mode: tuple[float, ...], after: Mode) -> tuple[arb, arb]:
+        """Wait from what is molten to a mode, and what its melts and freezes cost besides."""
         times, heater = self.problem.transition_times, self.problem.robot.heater
         assert isinstance(times, SequentialTiming)
         if mode == after:
             return arb(0), arb(0)
-        wait, heated = arb(times.reconfigure_s), arb(times.reconfigure_s) - times.reconfigure_cool_s
-        if is_rigid(mode):
-            wait = heated = arb(times.heat_s)
-        elif is_rigid(after):
-            wait = arb(times.freeze_s)
+        cooled, most = arb(times.reconfigure_cool_s), arb(max(mode))
+        heated, frozen = arb(times.reconfigure_s) - cooled, sum(share > 0 for share in mode)
+        if is_rigid(after):
+            cooled, heated = arb(times.freeze_s), arb(0)
+        elif not frozen or (max(mode) < 1 and [share > 0 for share in mode] == list(after)):
+            least = min(share for share, soft in zip(mode, after, strict=True) if soft)
+            cooled, heated, frozen = arb(0), times.heat_s * (1 - arb(least)), 0
         energy_J = heated * sum(after) * arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
         price = self.weights.energy_s_per_J * energy_J
-        return wait, price + self.weights.transition_s * (sum(mode) + sum(after))
+        return cooled * most + heated, price + self.weights.transition_s * (frozen + sum(after))
 
-    def _cheapest_way(self, mode: Mode, missing: frozenset[int]) -> arb:
+    def _cheapest_way(self, mode: tuple[float, ...], missing: frozenset[int]) -> arb:
         """Least wait and price from a mode to the end, through modes that melt what is missing."""
-        queue, seen = [(0.0, mode, missing)], set[tuple[Mode, frozenset[int]]]()
+        queue, seen = [(0.0, mode, missing)], set[tuple[tuple[float, ...], frozenset[int]]]()
         while queue:
             spent, here, left = heapq.heappop(queue)
             if here == self.last and not left:

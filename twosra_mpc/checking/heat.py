@@ -39,9 +39,9 @@ def heating_problems(trajectory: Trajectory) -> Iterator[str]:
     """Heaters against the policy, and temperatures that do not follow from their currents."""
     problem, samples = trajectory.problem, trajectory.samples
     check = _by_model if problem.transition_times.needs_segment else _by_curve
-    for j, soft in enumerate(problem.start_mode):
+    for j, first in enumerate(problem.start_stiffness):
         own = own_transitions(trajectory.transitions, j)
-        turns = ["soft" if soft else "rigid", *(item.to for item in own)]
+        turns = [first, *(int(item.to == "soft") for item in own)]
         turn = all(before != after for before, after in itertools.pairwise(turns))
         least = np.diff([0.0, *(time for item in own for time in item[2:])]).min(initial=0.0)
         if turn and least >= -TIME_TOLERANCE_S:  # else it is told of already
@@ -230,10 +230,10 @@ def _window_problems(
 
 
 def _until(model: SegmentModel, state: State, current_A: float, level: float) -> float:
-    """Time to a level [s]; none where the state is there but for rounding."""
-    found = model.time_until(state, current_A, level)
-    there = abs(model.level(state) - level) <= _missed(model)
-    return 0.0 if there and math.isinf(found) else found
+    """Time to the onset of a change [s]; none where the metal changes already, or all but does."""
+    found, beyond = model.time_until(state, current_A, level), model.level(state) - level
+    begun = (beyond if current_A else -beyond) >= -_missed(model)
+    return 0.0 if begun and math.isinf(found) else found
 
 
 def _than(said: float, true: float) -> str:

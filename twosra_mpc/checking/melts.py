@@ -21,13 +21,19 @@ from twosra_mpc.thermal.uncertainty import EXACT, Windows
 _LONGEST_S, _HALVINGS = 1e5, 60  # looked for a level, and steps to find it
 
 
+class First(NamedTuple):
+    """Of the first transition: from t = 0 to its onset, from there to its end, and both [s]."""
+
+    lead: arb
+    plateau: arb
+    total: arb
+
+
 class Heat(NamedTuple):
     """Lower bounds over all heatings of a segment; times in s.
 
     Attributes:
-        lead: From t = 0 to the onset of the first transition.
-        first: From its onset to its end.
-        total: From t = 0 to its end.
+        first: Stiffness that it leads to, 1 soft or 0 rigid -> the first transition.
         again: From the end of a freeze to the onset of the next melt.
         melt: From onset to end of a melt after that.
         coast: Transitions made before -> end of a melt to the onset of the freeze after it.
@@ -39,9 +45,7 @@ class Heat(NamedTuple):
         longest: Heater off to the onset of a freeze, at most.
     """
 
-    lead: arb
-    first: arb
-    total: arb
+    first: Callable[[int], First]
     again: arb
     melt: arb
     coast: Callable[[int], arb]
@@ -55,20 +59,22 @@ class Heat(NamedTuple):
 
 def heat(problem: Problem, j: int) -> Heat:
     """Work out the least times of segment j (from 0)."""
-    heater = problem.robot.heater
-    soft, now = bool(problem.start_mode[j]), arb(problem.temperatures[j])
+    heater, now = problem.robot.heater, arb(problem.temperatures[j])
+    molten = arb(problem.melt_fractions[j])
     if type(problem.transition_times) is OverlappedTiming:
-        return _constant(problem.transition_times, heater, now, problem.ambient, soft=soft)
+        return _constant(problem.transition_times, heater, now, molten, problem.ambient)
     model, window = problem.segment_models[j], problem.windows(j)
     if type(model) is Lumped:
-        return _OneNode(model, heater, now, window).heat(soft=soft)
+        return _OneNode(model, heater, now, molten, window).heat()
     if type(model) is TwoNode:
-        return _TwoNodes(model, heater, now, window).heat(soft=soft)
+        bodies = problem.start.body_temperature_C
+        body = now if bodies is None else arb(bodies[j])
+        return _TwoNodes(model, heater, now, body, window).heat()
     raise InputError("robot.segment.model", type(model).__name__, "lumped or two_node")
 
 
 def _constant(
-    times: OverlappedTiming, heater: Heater, now: arb, ambient_C: float, *, soft: bool
+    times: OverlappedTiming, heater: Heater, now: arb, molten: arb, ambient_C: float
 ) -> Heat:
     """Constant times; the first lead is shorter by as much as the metal is warm."""
     full_W = arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
@@ -76,24 +82,26 @@ def _constant(
     melting_C = arb(heater.melting_point_C)
     melt_lead = arb(times.melt_s) - times.melt_changing_s
     coast = arb(times.freeze_s) - times.freeze_changing_s
-    if soft:
-        lead = coast * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
-    else:
-        lead = melt_lead * (melting_C - now) / (melting_C - ambient_C)
+    warm = melt_lead * (melting_C - now) / (melting_C - ambient_C)
     melt, freeze = arb(times.melt_changing_s), arb(times.freeze_changing_s)
     share = times.superheat_s / (times.superheat_s + coast)
+
+    def first(to: int) -> First:
+        if to:
+            return First(warm, (1 - molten) * melt, arb(0))
+        lead = coast * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
+        return First(lead, molten * freeze, arb(0))
+
     return Heat(
-        lead=lead,
-        first=freeze if soft else melt,
-        total=arb(0),
+        first=first,
         again=melt_lead,
         melt=melt,
         coast=lambda _: arb(0),
         freeze=lambda _made, _held: freeze,
-        first_J=(lead + melt) * full_W,
+        first_J=(warm + (1 - molten) * melt) * full_W,
         melt_J=(melt_lead + melt) * full_W,
         hold_W=hold_W.min(share * full_W),
-        warm=lead,
+        warm=warm,
         longest=coast,
     )
 
@@ -101,8 +109,10 @@ def _constant(
 class _OneNode:
     """One temperature: what is warmer stays warmer, and full current heats fastest."""
 
-    def __init__(self, model: Lumped, heater: Heater, now: arb, window: Windows) -> None:
-        self.now, self.window, self.model = now, window, model
+    def __init__(
+        self, model: Lumped, heater: Heater, now: arb, share: arb, window: Windows
+    ) -> None:
+        self.now, self.share, self.window, self.model = now, share, window, model
         self.air, self.melting = arb(model.ambient_C), arb(model.melting_point_C)
         self.loss, self.setpoint = arb(model.loss_W_per_K), arb(heater.soft_setpoint_C)
         self.ohm = arb(heater.melt_current_A) ** 2 * model.resistance_ohm
@@ -135,7 +145,8 @@ class _OneNode:
     def coasting(self, made: int) -> arb:
         """Cooling of metal that was heated on until the window of its melt ended."""
         late, liquid = self.window.melt_late, self.model.heat_liquid_J_per_K
-        heated = (late - 1) * (self.molten + (0 if made > 1 else self.warm))
+        first = self.warm + (1 - self.share) * self.molten
+        heated = (late - 1) * (self.molten if made > 1 else first)
         slope = self.alpha * self.ohm - self.loss
         if made == 0 or not heated > 0 or slope.contains(0):
             return arb(0)
@@ -149,28 +160,29 @@ class _OneNode:
         spread = (window.freeze_late - window.freeze_early) * self.coasting(made)
         return window.freeze_late * self.frozen + spread
 
-    def heat(self, *, soft: bool) -> Heat:
-        """All of it, for a segment that is soft at t = 0 or solid."""
+    def first(self, to: int) -> First:
+        """The first transition: what is left of the plateau."""
+        model, window, (early, late) = self.model, self.window, self.window[:2]
+        if to:
+            lead, _ = self.course(model.heat_solid_J_per_K, self.now, self.melting, on=True)
+            plateau = late * (1 - self.share) * self.molten + (late - early) * self.warm
+            return First(early * lead, plateau, early * lead + plateau)
+        lead, _ = self.course(model.heat_liquid_J_per_K, self.now, self.melting, on=False)
+        plateau = window.freeze_late * self.share * self.frozen
+        return First(window.freeze_early * lead, plateau, lead + plateau)
+
+    def heat(self) -> Heat:
+        """All of it."""
         model, window = self.model, self.window
-        capacity = model.heat_liquid_J_per_K if soft else model.heat_solid_J_per_K
-        lead, _ = self.course(capacity, self.now, self.melting, on=not soft)
         early, late = window.melt_early, window.melt_late
-        if soft:
-            first = window.freeze_late * self.frozen
-            total, lead = lead + first, window.freeze_early * lead
-        else:
-            first, lead = late * self.molten + (late - early) * self.warm, early * lead
-            total = lead + first
         hottest = self.setpoint.max(self.now)
         return Heat(
-            lead=lead,
-            first=first,
-            total=total,
+            first=self.first,
             again=arb(0),
             melt=late * self.molten,
             coast=lambda made: window.freeze_early * self.coasting(made),
             freeze=self.freeze,
-            first_J=self.warm_J + self.power * self.molten,
+            first_J=self.warm_J + self.power * (1 - self.share) * self.molten,
             melt_J=self.power * self.molten,
             hold_W=self.hold if window == EXACT else arb(0),
             warm=early * self.warm,
@@ -181,8 +193,10 @@ class _OneNode:
 class _TwoNodes:
     """A core and a body: of two states the one that is nowhere colder stays so."""
 
-    def __init__(self, model: TwoNode, heater: Heater, now: arb, window: Windows) -> None:
-        self.model, self.window, self.start = model, window, now
+    def __init__(
+        self, model: TwoNode, heater: Heater, core: arb, body: arb, window: Windows
+    ) -> None:
+        self.model, self.window, self.core, self.body = model, window, core, body
         self.air, self.p = arb(model.ambient_C), arb(model.power_K_per_s)
         self.solid, self.liquid = arb(model.solid_level), arb(model.liquid_level)
         self.a, self.b = arb(model.coupling_per_s), arb(model.body_loss_per_s)
@@ -191,8 +205,11 @@ class _TwoNodes:
         root = (middle**2 - self.a * self.b).sqrt()
         self.fast, self.slow = middle - root, middle + root
         self.setpoint = arb(heater.soft_setpoint_C)
-        self.cold, self.warm = now.min(self.air), now.max(self.air).min(self.solid)
-        self.hottest = now.max(self.settled(self.setpoint.max(now).max(self.liquid)))
+        changing = bool(self.solid < core) and bool(core < self.liquid)
+        self.begun = core if changing else self.solid  # where the plateau of a first melt begins
+        self.cold = core.min(body).min(self.air)
+        self.warm = core.max(body).max(self.air).min(self.begun)
+        self.hottest = body.max(self.settled(self.setpoint.max(core).max(self.liquid)))
         self.lead = self.passed(self.warm, self.warm, self.solid, on=True)
         self.melt = self.passed(self.solid, self.hottest.min(self.solid), self.liquid, on=True)
         self.shortest = self.passed(self.warm, self.warm, self.liquid, on=True), self.melt
@@ -232,9 +249,9 @@ class _TwoNodes:
         """Least time through the plateau of a first melt."""
         slowest = self.passed(self.cold, self.cold, self.solid, on=True) + 1e-6
         if not self.course(self.cold, self.cold, slowest, on=True)[0] >= self.solid:
-            return self.passed(self.solid, self.solid, self.liquid, on=True)
+            return self.passed(self.begun, self.begun, self.liquid, on=True)
         ends = [self.course(self.warm, self.warm, t, on=True)[1] for t in (self.lead, slowest)]
-        return self.passed(self.solid, ends[0].max(ends[1]).min(self.solid), self.liquid, on=True)
+        return self.passed(self.begun, ends[0].max(ends[1]).min(self.begun), self.liquid, on=True)
 
     def coasting(self, made: int) -> arb:
         """Cooling of a core that was heated on until the window of its melt ended."""
@@ -257,40 +274,39 @@ class _TwoNodes:
 
     def longest_coasting(self) -> arb:
         """By when the hottest core surely has cooled to the plateau."""
-        top, longest = self.setpoint.max(self.start), arb(1e-3)
+        top, longest = self.setpoint.max(self.core), arb(1e-3)
         while longest < 10 * _LONGEST_S:
             if self.course(top, self.hottest, longest, on=False)[0] < self.liquid:
                 break
             longest = longest * 1.02
         return longest
 
-    def heat(self, *, soft: bool) -> Heat:
-        """All of it, for a segment that is soft at t = 0 or solid."""
-        window, start, first = self.window, self.start, self.first_melt()
-        early, late = window.melt_early, window.melt_late
+    def first(self, to: int) -> First:
+        """The first transition: what is left of the plateau."""
+        window, core, body = self.window, self.core, self.body
+        if to:
+            early, late = window.melt_early, window.melt_late
+            plateau = late * self.first_melt() + (late - early) * self.lead
+            lead = early * self.passed(core, body, self.solid, on=True)
+            return First(lead, plateau, self.passed(core, body, self.liquid, on=True))
+        onset = self.liquid.min(core)
+        plateau = self.passed(onset, body.min(self.settled(onset)), self.solid, on=False)
+        total = self.passed(core, body, self.solid, on=False) + (window.freeze_late - 1) * plateau
+        lead = window.freeze_early * self.passed(core, body, self.liquid, on=False)
+        return First(lead, window.freeze_late * plateau, total)
+
+    def heat(self) -> Heat:
+        """All of it."""
+        window, early, late = self.window, self.window.melt_early, self.window.melt_late
         full_W = self.model.core_heat_J_per_K * self.p
         hold_W = self.model.core_heat_J_per_K * self.a * (self.liquid - self.hottest)
-        first_J = full_W * (self.lead + first)
-        if soft:
-            body = start.min(self.settled(self.liquid))
-            plateau = self.passed(self.liquid, body, self.solid, on=False)
-            total = self.passed(start, start, self.solid, on=False)
-            total += (window.freeze_late - 1) * plateau
-            lead = window.freeze_early * self.passed(start, start, self.liquid, on=False)
-            first = window.freeze_late * plateau
-        else:
-            first = late * first + (late - early) * self.lead
-            lead = early * self.passed(start, start, self.solid, on=True)
-            total = self.passed(start, start, self.liquid, on=True)
         return Heat(
-            lead=lead,
-            first=first,
-            total=total,
+            first=self.first,
             again=arb(0),
             melt=late * self.melt,
             coast=lambda made: window.freeze_early * self.coasting(made),
             freeze=self.freeze,
-            first_J=first_J,
+            first_J=full_W * (self.lead + self.first_melt()),
             melt_J=full_W * self.melt,
             hold_W=hold_W.max(arb(0)) if window == EXACT else arb(0),
             warm=early * self.lead,

@@ -300,7 +300,7 @@ Course = list[tuple[float, float, int | None]]  # since when, until when, and wh
 
 def course(trajectory: Trajectory, segment: int) -> Course:
     """Stiffness of a segment (from 0) over time: 1 soft, 0 rigid, None while it changes."""
-    found, since, now = Course(), -math.inf, trajectory.problem.start_mode[segment]
+    found, since, now = Course(), -math.inf, trajectory.problem.start_stiffness[segment]
     for item in own_transitions(trajectory.transitions, segment):
         found += [(since, item.onset_s, now), (item.onset_s, item.done_s, None)]
         since, now = item.done_s, int(item.to == "soft")

@@ -44,11 +44,11 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
         if after.start_s < earlier.end_s - TIME_TOLERANCE_S:
             yield f"the phase at {after.start_s:z.3f} s starts before the one before it has ended"
     timing, known = transition_model(problem), trajectory.samples.t_s[:, None]
-    for j, stiffness in enumerate(problem.start_mode):
+    for j, stiffness in enumerate(problem.start_stiffness):
         before: Transition | None = None
         for item in own_transitions(transitions, j):
             name = f"segment {j + 1} to {item.to} at {item.heater_s:z.3f} s"
-            if (item.to == "soft") == bool(stiffness):
+            if int(item.to == "soft") == stiffness:
                 yield f"{name}: it is {item.to} already"
             if item.heater_s < (before.done_s if before else 0.0) - TIME_TOLERANCE_S:
                 yield f"{name}: before the transition before it is done"

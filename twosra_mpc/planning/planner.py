@@ -196,7 +196,7 @@ def _rest(variants: Sequence[Variant]) -> Result | None:
     """The empty plan, where the start is the goal already."""
     problem, stages = variants[0].problem, variants[0].members[0]
     start, goal = problem.start.configuration, stages[0].goal
-    there = goal.met_at(start) and problem.start_mode == stages[0].stage.last
+    there = goal.met_at(start) and problem.start_stiffness == stages[0].stage.last
     plain = len(variants) == len(stages) == 1 and stages[0].reaches and not stages[0].passes
     if not there or not plain:
         return None

@@ -68,7 +68,7 @@ def stage_tree(
         in_the_way: What is in the way of each stage of every variant; nothing if left out.
     """
     return tree_of(
-        Nodes([stage_bounds(each) for each in variants], problem.start_mode),
+        Nodes([stage_bounds(each) for each in variants], problem.start_stiffness),
         transition_model(problem),
         problem.cost_weights,
         relaxation(problem),

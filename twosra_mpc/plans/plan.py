@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, NoReturn
 from twosra_mpc.arguments import Word, public
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.carried import mission_document
+from twosra_mpc.plans.rest import rest_at
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
@@ -187,6 +188,17 @@ class Plan(ArrayValue):
         if not self.verification.ok:
             raise NoPlanError(Status.FAILED, f"it does not verify: {self.verification.problems[0]}")
         return self
+
+    def rest_at(self, time_s: float) -> Problem:
+        """The problem that is left at a time, to be planned again from the plan's own state then.
+
+        The robot is where the plan has it, and rests; its metal may be changing; tasks that are
+        done, in the plan's order, are left out.
+
+        Raises:
+            InputError: If the time is not within the plan.
+        """
+        return rest_at(self.trajectory, time_s)
 
     def __str__(self) -> str:
         from twosra_mpc.plans.plan import headline  # which is about plans

@@ -227,10 +227,9 @@ class Trajectory(ArrayValue):
     def metal(self) -> tuple[tuple[Array, ...], ...]:
         """Values of each segment's state at the samples, as their currents make it from t = 0."""
         held, problem = self.samples, self.problem
-        each = zip(
-            problem.segment_models, problem.temperatures, held.heater_current_A.T, strict=True
-        )
-        return tuple(replayed(model, model.initial(now), held.t_s, own) for model, now, own in each)
+        currents_A = held.heater_current_A.T
+        each = zip(problem.segment_models, problem.start_states, currents_A, strict=True)
+        return tuple(replayed(model, now, held.t_s, own) for model, now, own in each)
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
@@ -335,12 +334,13 @@ class Interval(NamedTuple):
 
 def stiffness_intervals(trajectory: Trajectory) -> tuple[tuple[Interval, ...], ...]:
     """For each segment, the intervals that fill the plan; the last one may have no length."""
-    changes: list[list[tuple[float, State]]] = [
-        [(0.0, "soft" if soft else "rigid")] for soft in trajectory.problem.start_mode
-    ]
+    changes = list[list[tuple[float, State]]]()
+    for first in trajectory.problem.start_stiffness:
+        changes.append([] if first is None else [(0.0, "soft" if first else "rigid")])
     for item in trajectory.transitions:
         changing: State = "melting" if item.to == "soft" else "freezing"
-        changes[item.segment - 1] += [(item.onset_s, changing), (item.done_s, item.to)]
+        own = changes[item.segment - 1]
+        own += [(item.onset_s if own else 0.0, changing), (item.done_s, item.to)]
     return tuple(_intervals(each, trajectory.duration_s) for each in changes)
 
 

@@ -34,9 +34,9 @@ from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
 from twosra_mpc.problem.world import Obstacles, Workspace, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, StartingStiffness
 from twosra_mpc.robot.timing import Timing
-from twosra_mpc.thermal.model import SegmentModel, thresholds_C
+from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
 from twosra_mpc.thermal.uncertainty import Windows, windows
 from twosra_mpc.validation import (
     MOST_SEGMENTS,
@@ -55,13 +55,23 @@ from twosra_mpc.validation import (
 
 
 class Start(Value):
-    """Initial state: pose, curvatures, temperatures of the segments, and the object in hand."""
+    """Initial state: pose, curvatures, state of the metal of each segment, and the object in hand.
+
+    Segments may be in any state. ``temperature_C`` is that of the metal, ``melt_fraction`` how much
+    of it is molten, from 0 (solid) to 1 (liquid), ``body_temperature_C`` that of what is around the
+    metal, for segments with two nodes. Left out, a temperature is that of the air, or the one at
+    which so much is molten; a melt fraction is what the temperature says, and all of a segment has
+    the temperature of its metal. A segment that is partly molten is neither soft nor rigid until it
+    has melted, or frozen, completely.
+    """
 
     x_m: Metres
     y_m: Metres
     phi_rad: Radians
     kappa_per_m: Numbers
     temperature_C: Numbers | None = None
+    melt_fraction: Numbers | None = None
+    body_temperature_C: Numbers | None = None
     holding: str | None = None
 
     @property
@@ -70,6 +80,8 @@ class Start(Value):
         return read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
 
 
+_OF_SEGMENTS = ("temperature_C", "melt_fraction", "body_temperature_C")  # keys of a start
+_SAME_C = 1e-6  # temperatures that differ by rounding
 _LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's duration
 
 
@@ -97,6 +109,12 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
             hint = error.hint or (beside if Path(str(source)).suffix else "")
             raise InputError("", error.value, error.allowed, hint=hint) from None
         raise
+
+
+def _molten_at(thresholds_C: tuple[float, float], fraction: float) -> float:
+    """Temperature at which so much of a segment's metal is molten [C]."""
+    solid, liquid = thresholds_C
+    return solid + fraction * (liquid - solid)
 
 
 AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
@@ -232,7 +250,7 @@ class Problem(Value):
         allowed = f"a list of {count} values, one for each segment of robot {self.robot.name}"
         lists: dict[str, Sequence[object] | None] = {
             "start.kappa_per_m": self.start.kappa_per_m,
-            "start.temperature_C": self.start.temperature_C,
+            **{f"start.{key}": getattr(self.start, key) for key in _OF_SEGMENTS},
             "goal.mode": self.goal.mode,
         }
         for where, goal in self._goals().items():
@@ -274,10 +292,6 @@ class Problem(Value):
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
         yield from self._tasks_outside()
         yield from self._impossible_temperatures()
-        if self.heaters_at_once < sum(self.start_mode):
-            liquid = "both" if sum(self.start_mode) == 2 else sum(self.start_mode)
-            allowed = f"{sum(self.start_mode)}: {liquid} segments are liquid at the start"
-            yield InputError("heaters_at_once", self.heaters_at_once, allowed)
         if self._thermal:
             yield from self._too_weak_a_heater()
         elif self.timing in robot.timing:
@@ -305,22 +319,44 @@ class Problem(Value):
             allowed = f"from {low:zg} to below {lowest:zg} C, where the metal of {name} melts"
             yield InputError("ambient_C", self.ambient, allowed)
             return
-        for j, (now, (solid, liquid)) in enumerate(zip(self.temperatures, thresholds, strict=True)):
-            field = f"start.temperature_C.{j}"
-            if not low <= now <= high:
+        given = zip(self.temperatures, self.start.melt_fraction or self._unsaid, strict=True)
+        for j, ((now, fraction), (solid, liquid)) in enumerate(zip(given, thresholds, strict=True)):
+            field, there = f"start.temperature_C.{j}", _molten_at((solid, liquid), fraction or 0.0)
+            if fraction is not None and not 0.0 <= fraction <= 1.0:
+                allowed = "from 0 (solid) to 1 (liquid)"
+                yield InputError(f"start.melt_fraction.{j}", fraction, allowed)
+            elif not low <= now <= high:
                 yield InputError(field, now, f"from {low:zg} to {high:zg} C (robot {name})")
-            elif solid < now < liquid:
-                allowed = f"at most {solid:zg} C (solid) or at least {liquid:zg} C (liquid)"
+            elif fraction is None and now == solid == liquid:
+                allowed = f"with start.melt_fraction: at {solid:zg} C metal may be solid or liquid"
                 yield InputError(field, now, allowed)
-            elif now == solid == liquid:
-                allowed = f"not exactly the melting point {solid:zg} C: solid or liquid?"
-                yield InputError(field, now, allowed)
+            elif fraction == 0.0 and now > solid + _SAME_C:
+                yield InputError(field, now, f"at most {solid:zg} C: melt_fraction says solid")
+            elif fraction == 1.0 and now < liquid - _SAME_C:
+                yield InputError(field, now, f"at least {liquid:zg} C: melt_fraction says liquid")
+            elif fraction and fraction < 1.0 and abs(now - there) > _SAME_C:
+                said = f"melt_fraction says that {100 * fraction:zg} % is molten"
+                yield InputError(field, now, f"{there:zg} C: {said}")
+        yield from self._impossible_bodies()
+
+    def _impossible_bodies(self) -> Iterator[InputError]:
+        """Yield temperatures around the metal that it has not, or by which it melts unheated."""
+        heater = self.robot.heater
+        low, high = heater.temperature_min_C, heater.temperature_max_C
+        for j, body in enumerate(self.start.body_temperature_C or ()):
+            field, now = f"start.body_temperature_C.{j}", self.temperatures[j]
+            most = min(high, max(now, self.segment_thresholds_C[j][0]))
+            if not self._thermal or len(self.segment_models[j].initial(now)) == 1:
+                if abs(body - now) > _SAME_C:
+                    yield InputError(field, body, f"{now:zg} C, as its metal: it has no other node")
+            elif not low <= body <= most:
+                yield InputError(field, body, f"from {low:zg} to {most:zg} C, its metal being so")
 
     def _too_weak_a_heater(self) -> Iterator[InputError]:
         heater, air = self.robot.heater, self.ambient
-        for model, now in zip(self.segment_models, self.temperatures, strict=True):
+        for model, now in zip(self.segment_models, self.start_states, strict=True):
             setpoint = model.level_at(heater.soft_setpoint_C)
-            coldest = model.initial(min(air, now))
+            coldest, _ = model.extremes(now)
             if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
                 allowed = (
                     f"a current that heats to the set-point {heater.soft_setpoint_C:zg} C "
@@ -340,9 +376,36 @@ class Problem(Value):
         return self.robot.heater.ambient_C if self.ambient_C is None else self.ambient_C
 
     @property
+    def _unsaid(self) -> tuple[None, ...]:
+        return (None,) * self.robot.coordinates.segments
+
+    @cached_property
     def temperatures(self) -> Sequence[float]:
-        """Temperatures of the segments at t = 0 [C]."""
-        return self.start.temperature_C or (self.ambient,) * self.robot.coordinates.segments
+        """Temperatures of the segments' metal at t = 0 [C]."""
+        if self.start.temperature_C is not None:
+            return self.start.temperature_C
+        each = zip(self.start.melt_fraction or self._unsaid, self.segment_thresholds_C, strict=True)
+        return tuple(_molten_at(span, share) if share else self.ambient for share, span in each)
+
+    @cached_property
+    def melt_fractions(self) -> Sequence[float]:
+        """How much of each segment is molten at t = 0, from 0 (solid) to 1 (liquid)."""
+        if self.start.melt_fraction is not None:
+            return self.start.melt_fraction
+        each = zip(self.temperatures, self.segment_thresholds_C, strict=True)
+        return tuple(
+            0.0 if now <= solid else 1.0 if now >= liquid else (now - solid) / (liquid - solid)
+            for now, (solid, liquid) in each
+        )
+
+    @cached_property
+    def start_states(self) -> tuple[State, ...]:
+        """State of each segment at t = 0, of its thermal model; none where times are constant."""
+        bodies = self.start.body_temperature_C or self._unsaid
+        each = zip(
+            self.segment_models, self.temperatures, self.melt_fractions, bodies, strict=False
+        )
+        return tuple(model.initial(now, share, body) for model, now, share, body in each)
 
     @property
     def stiffness_thresholds_C(self) -> tuple[float, float]:
@@ -418,14 +481,15 @@ class Problem(Value):
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
 
-    @cached_property
+    @property
     def start_mode(self) -> Mode:
-        """Stiffness at t = 0: a segment above its melting point is soft."""
-        thresholds = self.segment_thresholds_C
-        return tuple(
-            int(now > solid and now >= liquid)
-            for now, (solid, liquid) in zip(self.temperatures, thresholds, strict=True)
-        )
+        """Mode at t = 0: what is liquid is soft."""
+        return tuple(int(soft == 1) for soft in self.start_stiffness)
+
+    @cached_property
+    def start_stiffness(self) -> StartingStiffness:
+        """Stiffness at t = 0: 1 where a segment is liquid, 0 where solid, None where changing."""
+        return tuple({0.0: 0, 1.0: 1}.get(share) for share in self.melt_fractions)
 
     @property
     def drives_gently(self) -> bool:
@@ -463,13 +527,15 @@ class Problem(Value):
     def scenario(self) -> dict[str, Any]:
         """The scenario as plain data with all defaults filled in (the robot by its name).
 
-        What only missions have is left out where it is not used.
+        What only missions have, or starts amid a change, is left out where it is not used.
         """
         found = self.model_dump(mode="json", exclude={"robot"})
         for table, key, unused in (
             (found, "objects", []),
             (found, "order", "given"),
             (found["start"], "holding", None),
+            (found["start"], "melt_fraction", None),
+            (found["start"], "body_temperature_C", None),
         ):
             if table[key] == unused:
                 del table[key]

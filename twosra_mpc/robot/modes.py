@@ -13,6 +13,7 @@ from typing import Literal
 
 Mode = tuple[int, ...]
 ModeSequence = tuple[Mode, ...]
+StartingStiffness = tuple[int | None, ...]  # as a mode; None: changing, neither soft nor rigid
 Stiffness = Literal["soft", "rigid"]
 
 

@@ -1,13 +1,15 @@
 """Least times of a segment's first melt and the freeze after it, by when it is heated.
 
-Until its heater first goes on, h after t = 0, a solid segment follows a known course: it cools or
-warms to the air, or is kept warm from some temperature on. All that matters then is h: metal heated
+Until its heater first goes on, h after t = 0, a segment that is not liquid follows a known course:
+it cools or warms to the air, or is kept warm from some temperature on; metal that is half molten
+freezes meanwhile. All that matters then is h: metal heated
 at once is molten first, but the rest of the segment stays warm, and it freezes slowly. The proofs
 rest on comparison, as those of ``least_times``: of two histories the one that is heated later is
 nowhere warmer at any time.
 
-* It is molten no earlier than h + M(h), which grows with h; M, the time from heater on, is monotone
-  as the segment is.
+* It is molten no earlier than h + M(h), which grows with h. M, the time from heater on, is monotone
+  as a segment is that has one temperature at t = 0; of any other it grows by no less than -1 a
+  second, so within an interval it is less than at its ends by no more than the interval is long.
 * A freeze that begins at u with the metal held liquid for at least some time before it ends no
   earlier than after the latest h with which that is possible: one number again.
 * Of all h in an interval [a, b], none is molten before a + M(a) or after b + M(b), and whenever it
@@ -59,26 +61,30 @@ class _Span(NamedTuple):
 
 @dataclass(frozen=True)
 class FirstCycle:
-    """The first melt of a segment that is solid at t = 0, and the freeze after it.
+    """The first melt of a segment that is not liquid at t = 0, and the freeze after it.
 
     Attributes:
         heating: How it is heated.
-        temperature_C: Its temperature at t = 0.
+        start: Its state at t = 0.
         coldest_s: Least time through the plateau of the freeze, whatever came before [s].
         coasting_s: Least time from heater off to the onset of freezing, as the model has it [s].
     """
 
     heating: HeatingPlan
-    temperature_C: float
+    start: State
     coldest_s: float
     coasting_s: float
 
     @cached_property
     def is_known(self) -> bool:
         """True if constants say it all: nothing stays warm, and windows are those of cold metal."""
-        start = self.heating.model.initial(self.temperature_C)
-        cold = self.temperature_C == self.heating.model.ambient_C
-        return len(start) == 1 and (cold or self.heating.windows == EXACT)
+        cold = self.start == self.heating.model.initial(self.heating.model.ambient_C)
+        return len(self.start) == 1 and (cold or self.heating.windows == EXACT)
+
+    @cached_property
+    def _is_even(self) -> bool:
+        """True if all of it has one temperature: it only cools, or only warms, until heated."""
+        return len(set(self.start)) == 1
 
     def molten_s(self, onset_s: float) -> float:
         """Least end of a melt that begins at this time at the earliest, its window included."""
@@ -123,8 +129,10 @@ class FirstCycle:
         def bound(course: int, low: float, high: float) -> float:
             if course > 0 or high + melting_s + held_s < onset_s:
                 return math.inf
-            ends = (self._courses[0].state_at(min(time, _FOR_EVER_S)) for time in (low, high))
-            solid = model.at_level(tuple(map(min, *ends)), model.solid_level)
+            ends = [self._courses[0].state_at(min(time, _FOR_EVER_S)) for time in (low, high)]
+            coldest = tuple(map(min, *ends))
+            rest = coldest if self._is_even else model.extremes(coldest)[0]
+            solid = model.at_level(rest, model.solid_level)
             molten = model.at_level(model.hold(solid, melting_s), model.liquid_level)
             return low + melting_s + self._solid_after_s(molten, held_s)
 
@@ -159,15 +167,14 @@ class FirstCycle:
 
     @cached_property
     def _courses(self) -> tuple[TemperatureTrajectory, ...]:
-        return self.heating.solid_courses(self.temperature_C)
+        return self.heating.unheated_courses(self.start)
 
     @cached_property
     def _heating_s(self) -> Callable[[int, float, float], float]:
         """Time from heater on at a time to a level, on a course."""
 
         def heating_s(course: int, on_s: float, level: float) -> float:
-            state = self._courses[course].state_at(on_s)
-            return self.heating.model.time_until(state, self.heating.melt_current_A, level)
+            return self.heating.heating_s(self._courses[course].state_at(on_s), level)
 
         return lru_cache(4096)(heating_s)
 
@@ -179,13 +186,16 @@ class FirstCycle:
         model, windows = self.heating.model, self.heating.windows
         first = self._heating_s(course, low, model.liquid_level)
         if high == math.inf:
+            _, warmest = model.extremes(self._courses[course].state_at(low))
+            warm = first if self._is_even else self.heating.heating_s(warmest, model.liquid_level)
             cold = self._heating_s(course, _FOR_EVER_S, model.liquid_level)
-            return _Span(math.inf, low + first, min(first, cold), math.inf, None)
+            return _Span(math.inf, low + first, min(warm, cold), math.inf, None)
         last = self._heating_s(course, high, model.liquid_level)
+        beyond = 0.0 if self._is_even else high - low
         onset_s = high + windows.melt_early * self._heating_s(course, high, model.solid_level)
-        done_s = high + last + (windows.melt_late - 1) * max(first, last)
+        done_s = high + last + (windows.melt_late - 1) * (max(first, last) + beyond)
         molten = self._molten(course, high, low + first, high + last)
-        return _Span(onset_s, low + first, min(first, last), done_s, molten)
+        return _Span(onset_s, low + first, max(0.0, min(first, last) - beyond), done_s, molten)
 
     def _molten(self, course: int, on_s: float, since_s: float, until_s: float) -> State | None:
         """Of heating from a time on: nowhere warmer than it is between two times, but molten."""

@@ -158,50 +158,51 @@ class HeatingPlan:
     keep_warm: KeepWarm | None
 
     def heated(
-        self, temperature_C: float, soft: bool, onsets: Sequence[tuple[Stiffness, float]]
+        self, start: State, soft: bool, onsets: Sequence[tuple[Stiffness, float]]
     ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
         """Heat a segment so that it melts and freezes at these onsets, or as soon as it can.
 
         Args:
-            temperature_C: Temperature at t = 0.
-            soft: Whether it is liquid at t = 0.
+            start: State at t = 0.
+            soft: Whether it is liquid then, and its heater on.
             onsets: (soft or rigid, onset [s]) in order.
         """
-        state = self.model.initial(temperature_C)
         trajectory = TemperatureTrajectory(
-            self.model, self._from("soft" if soft else "rigid", 0.0, state)
+            self.model, self._from("soft" if soft else "rigid", 0.0, start)
         )
-        done, made = 0.0, []
+        done, made = 0.0, list[SegmentTransition]()
         for to, onset in onsets:
             changed = self._melted if to == "soft" else self._switched
-            trajectory, item = changed(trajectory, to, done, onset)
+            freezes = to == "rigid" and not (soft or made)  # as it has been since t = 0
+            trajectory, item = changed(trajectory, to, done, 0.0 if freezes else onset)
             made.append(item)
             done = item.done_s
         return trajectory, made
 
-    def solid_courses(self, temperature_C: float) -> tuple[TemperatureTrajectory, ...]:
-        """Courses of a segment that is solid at t = 0 until it is melted: one of these."""
-        state = self.model.initial(temperature_C)
-        passive = TemperatureTrajectory(self.model, self._from("rigid", 0.0, state))
+    def unheated_courses(self, start: State) -> tuple[TemperatureTrajectory, ...]:
+        """Courses from t = 0 of a segment that is not liquid until it is melted: one of these."""
+        passive = TemperatureTrajectory(self.model, self._from("rigid", 0.0, start))
         if self.keep_warm is None:
             return (passive,)
         return passive, self._kept_warm(passive, self.keep_warm.temperature_C)
 
     def lead_s(self, state: State) -> float:
         """Earliest onset of melting after heater on."""
-        if self.model.level(state) >= self.model.solid_level:  # by rounding, after a freeze
-            return 0.0
-        until = self.model.time_until(state, self.melt_current_A, self.model.solid_level)
-        return self.windows.melt_early * until
+        return self.windows.melt_early * self.heating_s(state, self.model.solid_level)
 
     def melting_s(self, state: State) -> float:
         """Latest end of melting after heater on."""
-        until = self.model.time_until(state, self.melt_current_A, self.model.liquid_level)
-        return self.windows.melt_late * until + _SURELY_S
+        return self.windows.melt_late * self.heating_s(state, self.model.liquid_level) + _SURELY_S
+
+    def heating_s(self, state: State, level: float) -> float:
+        """Time from heater on to a level; none where the segment is beyond it."""
+        if self.model.level(state) >= level:
+            return 0.0
+        return self.model.time_until(state, self.melt_current_A, level)
 
     def coasting_s(self, state: State) -> float:
         """Earliest onset of freezing after heater off."""
-        if self.model.level(state) <= self.model.liquid_level:  # by rounding, after a melt
+        if self.model.level(state) <= self.model.liquid_level:  # it freezes already
             return 0.0
         until = self.model.time_until(state, 0.0, self.model.liquid_level)
         return self.windows.freeze_early * until

@@ -2,13 +2,14 @@
 
 The proofs rest on comparison: of two states of a segment, the one that is nowhere colder stays
 nowhere colder under equal current, so it reaches a warmer level no later, and a colder one no
-earlier. Until it is first heated a segment that is solid at t = 0 stays between the colder and the
-warmer of its start temperature and ambient.
+earlier. A segment may begin in any state; one that is changing at t = 0, on its plateau, makes its
+first transition at once or later, from where it is then. Until it is first heated a segment that is
+not liquid at t = 0 stays between the coldest and the warmest of all its parts and the air.
 
 * First melt: heating at once from the state at t = 0 reaches the plateau as early as possible.
   When it does, the rest of the segment is no warmer than after heating the warmest start for as
   long as the coldest start needs, or as the warmest does (in between it cools first and then warms,
-  so it is warmest at either end), and the plateau takes least from there.
+  so it is warmest at either end), and what is left of the plateau takes least from there.
 * First freeze: switching off at once reaches the plateau, and its end, as early as possible. A
   window is counted from heater off: switched off h later, the freeze ends no earlier than
   h + late max(F - h, P), with F from the state at t = 0 and P through the plateau; that is least
@@ -42,58 +43,67 @@ class LeastTimes:
 
     Attributes:
         heating: How it is heated.
-        temperature_C: Its temperature at t = 0.
+        start: Its state at t = 0.
     """
 
     heating: HeatingPlan
-    temperature_C: float
+    start: State
 
     @property
     def _model(self) -> SegmentModel:
         return self.heating.model
 
     @property
-    def _start(self) -> State:
-        return self._model.initial(self.temperature_C)
-
-    @property
     def _coldest(self) -> State:
-        return self._model.initial(min(self.temperature_C, self._model.ambient_C))
+        return self._model.extremes(self.start)[0]
 
     @property
     def _warmest(self) -> State:
-        return self._model.initial(max(self.temperature_C, self._model.ambient_C))
+        return self._model.extremes(self.start)[1]
+
+    @property
+    def _held(self) -> State:
+        """Metal at the set-point for ever."""
+        return self._model.hold(self._model.initial(self.heating.soft_setpoint_C), _FOR_EVER_S)
+
+    @property
+    def _at_first(self) -> State:
+        """Nowhere colder than any state without heat, where that is warmer than held metal."""
+        return tuple(map(max, self.start, self._model.hold(self.start, _FOR_EVER_S)))
 
     @property
     def _hottest(self) -> State:
         """Nowhere colder than any state of the segment."""
-        model = self._model
-        held = model.hold(model.initial(self.heating.soft_setpoint_C), _FOR_EVER_S)
-        return tuple(map(max, held, self._start))
+        return tuple(map(max, self._held, self._at_first))
 
     @property
     def _hottest_again(self) -> State:
-        """Nowhere colder than any state after the segment was solid once, without heat.
+        """Nowhere colder than any state after the segment was solid once, or is not liquid first.
 
         Without heat no part of it is warmer than the metal.
         """
-        model = self._model
-        solid = model.initial(model.temperature_C(model.at_level(self._start, model.solid_level)))
-        held = model.hold(model.initial(self.heating.soft_setpoint_C), _FOR_EVER_S)
-        return tuple(map(max, held, map(min, self._start, solid)))
+        model, level = self._model, self._model.level(self.start)
+        changing = model.solid_level < level < model.liquid_level
+        onset = model.at_level(self.start, level if changing else model.solid_level)
+        metal = model.initial(model.temperature_C(onset))
+        return tuple(map(max, self._held, map(min, self._at_first, metal)))
 
     def _heating_s(self, state: State, level: float) -> float:
-        return self._model.time_until(state, self.heating.melt_current_A, level)
+        return self.heating.heating_s(state, level)
 
-    def _plateau_s(self, state: State) -> float:
-        """Time through the plateau, the rest of the segment being as in ``state``."""
-        onset = self._model.at_level(state, self._model.solid_level)
+    def _plateau_s(self, onset: State) -> float:
+        """Time through the plateau."""
         return self._heating_s(onset, self._model.liquid_level)
+
+    @cached_property
+    def _again(self) -> State:
+        """Nowhere colder than any state at the onset of a further melt."""
+        return self._model.at_level(self._hottest_again, self._model.solid_level)
 
     @cached_property
     def first_lead_s(self) -> float:
         """Heater on at t = 0 to the onset of melting."""
-        return self.heating.lead_s(self._start)
+        return self.heating.lead_s(self.start)
 
     @cached_property
     def warmest_lead_s(self) -> float:
@@ -102,11 +112,12 @@ class LeastTimes:
 
     @cached_property
     def _first_onset(self) -> State:
-        """Nowhere colder than any state at the onset of the first melt, but for the core."""
+        """Nowhere colder than any state at the onset of the first melt."""
         current, level = self.heating.melt_current_A, self._model.solid_level
         spans = (self._heating_s(state, level) for state in (self._warmest, self._coldest))
         ends = (self._model.propagate(self._warmest, current, span) for span in spans)
-        return tuple(map(max, *ends))
+        rest, begun = tuple(map(max, *ends)), self._model.level(self._warmest)
+        return self._model.at_level(rest, max(level, begun))
 
     @cached_property
     def first_melting_s(self) -> float:
@@ -119,7 +130,7 @@ class LeastTimes:
     @cached_property
     def melting_s(self) -> float:
         """Onset to end of any further melt."""
-        return self.heating.windows.melt_late * self._plateau_s(self._hottest_again)
+        return self.heating.windows.melt_late * self._plateau_s(self._again)
 
     @cached_property
     def first_energy_J(self) -> float:
@@ -133,11 +144,10 @@ class LeastTimes:
     @cached_property
     def energy_J(self) -> float:
         """Heater energy of any further melt."""
-        return self._plateau_J(self._hottest_again)
+        return self._plateau_J(self._again)
 
-    def _plateau_J(self, state: State) -> float:
-        onset = self._model.at_level(state, self._model.solid_level)
-        return self._model.energy_J(onset, self.heating.melt_current_A, self._plateau_s(state))
+    def _plateau_J(self, onset: State) -> float:
+        return self._model.energy_J(onset, self.heating.melt_current_A, self._plateau_s(onset))
 
     @cached_property
     def liquid_power_W(self) -> float:
@@ -149,12 +159,12 @@ class LeastTimes:
     @cached_property
     def first_coasting_s(self) -> float:
         """Heater off at t = 0 to the onset of freezing."""
-        return self.heating.coasting_s(self._start)
+        return self.heating.coasting_s(self.start)
 
     @cached_property
     def first_freezing_s(self) -> float:
         """Least end of a first freeze; its window adds no less than it adds to the plateau."""
-        fastest = self._model.time_until(self._start, 0.0, self._model.solid_level)
+        fastest = self._model.time_until(self.start, 0.0, self._model.solid_level)
         return fastest + (self.heating.windows.freeze_late - 1) * self._frozen_s(0, 0.0)
 
     @cached_property
@@ -164,7 +174,7 @@ class LeastTimes:
 
     @cached_property
     def first_cycle(self) -> FirstCycle:
-        """The first melt and the freeze after it of a segment that is solid at t = 0."""
+        """The first melt and the freeze after it of a segment that is not liquid at t = 0."""
         return self._cycle(1)
 
     @cached_property
@@ -173,7 +183,7 @@ class LeastTimes:
 
     def _cycle(self, number: int) -> FirstCycle:
         coldest_s, coasting_s = self._frozen_s(number, 0.0), self._coasting_s(number)
-        return FirstCycle(self.heating, self.temperature_C, coldest_s, coasting_s)
+        return FirstCycle(self.heating, self.start, coldest_s, coasting_s)
 
     def frozen_s(self, number: int, onset_s: float, held_s: float) -> float:
         """Least end of a freeze of a number that begins at ``onset_s`` at the earliest.
@@ -182,7 +192,7 @@ class LeastTimes:
         """
         if number == 1:
             return self.first_cycle.frozen_s(onset_s, held_s)
-        if self.temperature_C <= self._model.ambient_C:
+        if self._warmest == self._model.initial(self._model.ambient_C):
             return 0.0
         return self._later_cycle.frozen_again_s(onset_s, self._melting_s(number), held_s)
 
@@ -191,7 +201,7 @@ class LeastTimes:
         """Onset to end of a freeze, of its number and ``held_s``; asked over and over.
 
         The number is that of the transitions the segment made before, ``held_s`` the least time
-        since the melt before it was done; 0 if it was liquid at t = 0.
+        since the melt before it was done; 0 if none came before.
         """
         return lru_cache(4096)(self._freezing_s)
 
@@ -204,7 +214,7 @@ class LeastTimes:
         """Least time through the plateau of a freeze, as the model has it."""
         model = self._model
         if number == 0:
-            start = model.at_level(self._start, model.liquid_level)
+            start = model.at_level(self.start, min(model.level(self.start), model.liquid_level))
             onset = tuple(map(min, start, model.hold(start, _FOR_EVER_S)))
         else:
             onset = model.hold(self._molten(number), held_s)
@@ -218,7 +228,7 @@ class LeastTimes:
         """Least time from heater on to the end of the melt before transition ``number``."""
         if number == 1:
             return self._heating_s(self._warmest, self._model.liquid_level)
-        return self._plateau_s(self._hottest_again)
+        return self._plateau_s(self._again)
 
     def _molten(self, number: int) -> State:
         """State at the liquid threshold, nowhere warmer than any at the end of that melt."""

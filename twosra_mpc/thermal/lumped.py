@@ -72,9 +72,21 @@ class Lumped:
             return self.latent_J + self.heat_liquid_J_per_K * above
         return self.heat_solid_J_per_K * above
 
-    def initial(self, temperature_C: float) -> State:
-        """State of a segment that has this temperature throughout."""
-        return (self.level_at(temperature_C),)
+    def initial(
+        self, temperature_C: float, melt_fraction: float | None = None, body_C: float | None = None
+    ) -> State:
+        """State of a segment that has this temperature, and so much of which is molten."""
+        del body_C
+        if melt_fraction is None:
+            return (self.level_at(temperature_C),)
+        above = temperature_C - self.melting_point_C
+        heat_J_per_K = self.heat_liquid_J_per_K if above > 0 else self.heat_solid_J_per_K
+        return (melt_fraction * self.latent_J + heat_J_per_K * above,)
+
+    def extremes(self, state: State) -> tuple[State, State]:
+        """Heat content goes to that of the air."""
+        rest = self.initial(self.ambient_C)
+        return min(state, rest), max(state, rest)
 
     def at_level(self, state: State, level: float) -> State:
         """State at this enthalpy; there is nothing else to the segment."""

@@ -45,8 +45,16 @@ class SegmentModel(Protocol):
     def ambient_C(self) -> float:
         """Temperature of the air."""
 
-    def initial(self, temperature_C: float) -> State:
-        """State of a segment that has this temperature throughout."""
+    def initial(
+        self, temperature_C: float, melt_fraction: float | None = None, body_C: float | None = None
+    ) -> State:
+        """State of a segment that has this temperature throughout, unless told of its body.
+
+        Where metal of one temperature may be molten more or less, the fraction tells.
+        """
+
+    def extremes(self, state: State) -> tuple[State, State]:
+        """States nowhere warmer and nowhere colder than any that follows without heat."""
 
     def level(self, state: tuple[Values, ...]) -> Values:
         """Quantity that rises and falls through the thresholds, in the model's own unit."""

@@ -59,9 +59,17 @@ class TwoNode:
         """Level at a core temperature: itself [C]."""
         return temperature_C
 
-    def initial(self, temperature_C: float) -> State:
-        """State of a segment that has this temperature throughout."""
-        return (temperature_C, temperature_C)
+    def initial(
+        self, temperature_C: float, melt_fraction: float | None = None, body_C: float | None = None
+    ) -> State:
+        """State of a segment whose core has this temperature, and its body unless told."""
+        del melt_fraction  # the core's temperature tells
+        return (temperature_C, temperature_C if body_C is None else body_C)
+
+    def extremes(self, state: State) -> tuple[State, State]:
+        """All of it as cold, and as warm, as any part or the air."""
+        every = (*state, self.ambient_C)
+        return self.initial(min(every)), self.initial(max(every))
 
     def at_level(self, state: State, level: float) -> State:
         """State with the core at this temperature and the body as in ``state``."""

@@ -19,6 +19,8 @@ _NEVER = np.inf
 class ConstantHeating(SegmentHeating):
     """Full current until liquid, then hold; between transitions the metal relaxes to the air.
 
+    Metal that is liquid at t = 0 is as if it had been molten for as long as heats it up so far.
+
     Attributes:
         heater: Heater description.
         ambient_C: Temperature of the air.
@@ -36,20 +38,26 @@ class ConstantHeating(SegmentHeating):
 
     def event_times(self) -> list[float]:
         changes = [t for item in self.transitions for t in item[2:]]
-        return changes + [molten + self.superheat_s for _, molten, _ in self._heated()]
+        return changes + [max(0.0, hot) for _, hot, _ in self._heated()]
 
     def _heated(self) -> list[tuple[float, float, float]]:
-        """(heater on, molten, heater off) of every dwell [s]."""
+        """(heater on, at the set-point, heater off) of every dwell [s]."""
         periods: list[tuple[float, float, float]] = []
-        if self.soft_at_start:
-            periods.append((0.0, 0.0, _NEVER))
+        if self.molten_at_start == 1:
+            left = (self.heater.soft_setpoint_C - self.temperature_C) / self._span_K
+            periods.append((0.0, self.superheat_s * left, _NEVER))
         for item in self.transitions:
             if item.to == "soft":
-                periods.append((item.heater_s, item.done_s, _NEVER))
-            else:
-                on, molten, _ = periods[-1]
-                periods[-1] = (on, molten, item.heater_s)
+                periods.append((item.heater_s, item.done_s + self.superheat_s, _NEVER))
+            elif periods:
+                on, hot, _ = periods[-1]
+                periods[-1] = (on, hot, item.heater_s)
         return periods
+
+    @property
+    def _span_K(self) -> float:
+        """Temperature of the set-point above that of melting."""
+        return self.heater.soft_setpoint_C - self.heater.melting_point_C
 
     def setpoint_C(self, t: Array) -> Array:
         value = np.full(t.shape, self.heater.rigid_setpoint_C)
@@ -59,8 +67,7 @@ class ConstantHeating(SegmentHeating):
 
     def current_A(self, t: Array) -> Array:
         value = np.zeros(t.shape)
-        for on, molten, off in self._heated():
-            hot = molten + self.superheat_s if molten > on else molten
+        for on, hot, off in self._heated():
             value[(t >= on) & (t < min(hot, off))] = self.heater.melt_current_A
             value[(t >= hot) & (t < off)] = self.heater.hold_current_A
         return value
@@ -72,10 +79,9 @@ class ConstantHeating(SegmentHeating):
         for since, until in cooling:
             inside = (t >= since[0]) & (t < until)
             temperature[inside] = self._relaxed(since, t[inside])
-        melts = [(0.0, float(self.soft_at_start))]
+        melts = [(0.0, self.molten_at_start)]
         for item in self.transitions:
-            soft = float(item.to == "soft")
-            melts += [(item.onset_s, 1.0 - soft), (item.done_s, soft)]
+            melts += [(item.onset_s, melts[-1][1]), (item.done_s, float(item.to == "soft"))]
         return temperature, np.interp(t, *np.array(melts).T)
 
     def energy_J(self, until_s: float) -> float:
@@ -86,14 +92,14 @@ class ConstantHeating(SegmentHeating):
     def _curve(self) -> tuple[list[Knot], list[tuple[Knot, float]]]:
         """Knots of the temperature, and from which of them it relaxes to the air until when."""
         knots, cooling = [(0.0, self.temperature_C)], []
-        liquid = self.soft_at_start
+        liquid = self.molten_at_start == 1
         for item in self.transitions:
-            liquid = item.to == "soft"
+            was_liquid, liquid = liquid, item.to == "soft"
             if liquid:
                 cooling.append((knots[-1], item.heater_s))
                 warm = self._relaxed(knots[-1], np.array(item.heater_s))
                 knots.append((item.heater_s, float(warm)))
-            else:
+            elif was_liquid:
                 knots += self._liquid(knots[-1], self._peak_C(item), until=item.heater_s)
             knots += self._changing(item)
         if liquid:
@@ -115,17 +121,17 @@ class ConstantHeating(SegmentHeating):
 
     def _peak_C(self, freeze: Transition) -> float:
         """From where cooling to the plateau takes as long as a freeze says."""
-        melting_C, setpoint_C = self.heater.melting_point_C, self.heater.soft_setpoint_C
         if not self.coasting_s:
-            return setpoint_C
+            return self.heater.soft_setpoint_C
         share = min(1.0, (freeze.onset_s - freeze.heater_s) / self.coasting_s)
-        return melting_C + (setpoint_C - melting_C) * share
+        return self.heater.melting_point_C + self._span_K * share
 
     def _liquid(self, since: Knot, target: float, until: float) -> list[Knot]:
         """Heat or cool liquid metal to ``target`` and hold it there until its heater is off."""
         start, before = since
         if before <= target:
-            knots = [(min(start + self.superheat_s, until), target)]
+            needed = self.superheat_s * (target - before) / self._span_K
+            knots = [(min(start + needed, until), target)]
         else:
             above, over = before - self.ambient_C, target - self.ambient_C
             cooling = self.heater.cooling_time_constant_s * np.log(above / over)

@@ -8,13 +8,16 @@ may drive or bend. All rules are difference constraints t[v] - t[u] >= w between
 earliest finish of a sequence is a longest path, and any relaxation of the motion gives a valid
 lower bound.
 
+A segment that is changing at t = 0 is neither soft nor rigid until its change is over: it melts or
+freezes, as the first phase asks, in the first gap.
+
 A *dwell* is the time from heater on to heater off around one soft period. With at most one heater
 at a time, the dwells of different segments must follow each other, those whose soft phases do not
-overlap in the order of the phases. A segment that is liquid at t = 0 has its heater on already, so
-its first dwell comes first. Two melted segments that are soft in the same phase need the first
-one's metal to stay liquid without heat for as long as the second one's takes to melt; where that is
-not so they are refused. All this is said of two segments at a time, whatever their number: no two
-heaters are on at once.
+overlap in the order of the phases. A segment that is liquid at t = 0 may have its heater on then,
+so its first dwell comes first; of several such, all but one are heated no more. Two melted segments
+that are soft in the same phase need the first one's metal to stay liquid without heat for as long
+as the second one's takes to melt; where that is not so they are refused. All this is said of two
+segments at a time, whatever their number: no two heaters are on at once.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness, mode_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, Stiffness, mode_name
 
 
 @dataclass(frozen=True)
@@ -222,7 +225,7 @@ def _raised(times: list[float], constraints: list[tuple[int, int, float]]) -> li
     return None
 
 
-def events_of(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Event]:
+def events_of(sequence: ModeSequence, first: StartingStiffness, last: Mode) -> Iterator[Event]:
     """Yield the transitions of each segment, segment by segment, in order of time."""
     for segment in range(len(first)):
         stiffness, number = first[segment], 0
@@ -242,7 +245,7 @@ class Dwell(NamedTuple):
 
 
 def handovers(
-    sequence: ModeSequence, first: Mode, last: Mode
+    sequence: ModeSequence, first: StartingStiffness, last: Mode
 ) -> Iterator[tuple[Event | None, Event, Event]]:
     """Yield (melt, freeze, melt of another segment) where one heater goes off before another on."""
     for pair in _pairs(sequence, first, last):
@@ -252,14 +255,17 @@ def handovers(
 
 
 def overlaps(
-    sequence: ModeSequence, first: Mode, last: Mode
+    sequence: ModeSequence, first: StartingStiffness, last: Mode
 ) -> Iterator[tuple[Dwell, Dwell, Mode]]:
-    """Yield any two dwells that do not follow each other, and the first mode with both soft."""
+    """Yield any two dwells that do not follow each other, and the first mode with both soft.
+
+    Of two that are liquid at t = 0 one that freezes may need no heat any more.
+    """
     for one, two in _pairs(sequence, first, last):
-        if not _before(one, two) and not _before(two, one):
-            modes = (first, *sequence, last)
-            both = next(mode for mode in modes if mode[one.segment] and mode[two.segment])
-            yield one, two, both
+        unheated = one.melt is two.melt is None and (one.freeze or two.freeze)
+        if not (_before(one, two) or _before(two, one) or unheated):
+            modes = (*sequence, last)
+            yield one, two, next(m for m in modes if m[one.segment] and m[two.segment])
 
 
 def refused(mode: Mode) -> str:
@@ -268,13 +274,15 @@ def refused(mode: Mode) -> str:
     return f"mode {mode_name(mode)} needs {count} heaters at once, but heaters_at_once is 1"
 
 
-def _pairs(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[tuple[Dwell, Dwell]]:
-    dwells = [[Dwell(j, None, None)] * soft for j, soft in enumerate(first)]
+def _pairs(
+    sequence: ModeSequence, first: StartingStiffness, last: Mode
+) -> Iterator[tuple[Dwell, Dwell]]:
+    dwells = [[Dwell(j, None, None)] * (soft == 1) for j, soft in enumerate(first)]
     for event in events_of(sequence, first, last):
         mine = dwells[event.segment]
         if event.to == "soft":
             mine.append(Dwell(event.segment, event, None))
-        else:
+        elif mine:
             mine[-1] = mine[-1]._replace(freeze=event)
     for ones, twos in itertools.combinations(dwells, 2):
         yield from itertools.product(ones, twos)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
-from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import (
@@ -56,11 +56,23 @@ class Overlapped(TransitionModel):
         span = heater.melting_point_C - self.problem.ambient
         return self._melt_lead * (heater.melting_point_C - now) / span
 
+    def _molten_s(self, segment: int) -> float:
+        """Since when a segment that is liquid at t = 0 is, had it been heated all the time [s]."""
+        heater, now = self.problem.robot.heater, self.problem.temperatures[segment]
+        span = heater.soft_setpoint_C - heater.melting_point_C
+        return -self.times.superheat_s * min(1.0, (now - heater.melting_point_C) / span)
+
     def _lead(self, melt: Event) -> float:
         return self._melt_lead if melt.number else self._first_lead(melt.segment)
 
-    def _plateau(self, to: Stiffness) -> float:
-        return self.times.melt_changing_s if to == "soft" else self.times.freeze_changing_s
+    def _is_under_way(self, event: Event) -> bool:
+        """Whether a change of metal that is changing at t = 0 goes on, or back, from then on."""
+        return event.number == 0 and self.first[event.segment] is None
+
+    def _plateau(self, event: Event) -> float:
+        soft = event.to == "soft"
+        whole = self.times.melt_changing_s if soft else self.times.freeze_changing_s
+        return whole if event.number else whole * self.left(event.segment, event.to)
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         if self.problem.heaters_at_once == 1:
@@ -94,7 +106,7 @@ class Overlapped(TransitionModel):
     ) -> TemporalNetwork:
         del least_durations  # these times depend on nothing
         layout = EventLayout(len(sequence), len(last))
-        least, holds, heated = layout.phase_order(), [], 0.0
+        least, holds, heated, changing_s = layout.phase_order(), [], 0.0, 0.0
         previous = layout.origin
         heater = self.problem.robot.heater
         melt_W = heater.power_W(heater.melt_current_A)
@@ -105,19 +117,18 @@ class Overlapped(TransitionModel):
         for event in events:
             onset = layout.onset_of(event)
             least[layout.end(event.gap - 1), onset] = 0.0
-            least[onset, layout.start(event.gap)] = self._plateau(event.to)
+            least[onset, layout.start(event.gap)] = self._plateau(event)
             if event.number == 0:
                 least[layout.origin, onset] = self._first_lead(event.segment)
-            elif event.to == "soft":
-                least[previous, onset] = self.times.freeze_changing_s + self._melt_lead
             else:
-                least[previous, onset] = self.times.melt_changing_s
+                least[previous, onset] = changing_s + self._melt_lead * (event.to == "soft")
             if event.to == "soft":
-                heated += self._lead(event) + self.times.melt_changing_s
+                heated += self._lead(event) + self._plateau(event)
             elif event.number:
-                heated -= liquid_W * self.times.melt_changing_s / melt_W
+                heated -= liquid_W * changing_s / melt_W
                 holds.append(Hold(previous, onset, liquid_W))
-            previous = onset
+            changing_s = self._plateau(event)
+            previous = layout.origin if self._is_under_way(event) else onset
         energy_J = heated * melt_W
         made = TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
@@ -174,10 +185,10 @@ class Overlapped(TransitionModel):
         return None if raised == network.least else replace(network, least=raised)
 
     def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
-        molten: dict[int, float] = {}
+        molten = {j: self._molten_s(j) for j, soft in enumerate(self.first) if soft == 1}
         for event in network.events:
-            onset = times[network.layout.onset_of(event)]
-            done = onset + self._plateau(event.to)
+            onset = times[network.layout.onset_of(event)] * (not self._is_under_way(event))
+            done = onset + self._plateau(event)
             if event.to == "soft":
                 lead = self._lead(event)
                 heater = max(0.0, onset - lead)  # not before the start by rounding
@@ -190,10 +201,10 @@ class Overlapped(TransitionModel):
             yield Transition(event.segment + 1, event.to, heater, onset, done)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
-        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        molten, now = self.problem.melt_fractions[segment], self.problem.temperatures[segment]
         heater, air = self.problem.robot.heater, self.problem.ambient
         superheat_s, coasting_s = self.times.superheat_s, self._freeze_lead
-        return ConstantHeating(soft, own, heater, air, now, superheat_s, coasting_s)
+        return ConstantHeating(molten, own, heater, air, now, superheat_s, coasting_s)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
@@ -209,16 +220,17 @@ class Overlapped(TransitionModel):
                 yield f"heated for {lag:z.3f} s before melting instead of {least:z.3f} s"
         else:
             longest = self.times.freeze_s - (plateau := self.times.freeze_changing_s)
-            stored = 1.0
+            since = before.done_s if before else self._molten_s(item.segment - 1)
+            stored = min(1.0, (item.heater_s - since) / self.times.superheat_s)
             if before is None:
                 least = longest * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
                 if item.onset_s < least - TIME_TOLERANCE_S:
                     until = f"is still too hot until {least:z.3f} s"
                     yield f"freezes at {item.onset_s:z.3f} s, but {until}"
-            else:
-                stored = min(1.0, (item.heater_s - before.done_s) / self.times.superheat_s)
             if lag > stored * longest + TIME_TOLERANCE_S:
                 yield f"liquid for {lag:z.3f} s after its heater is off: it would freeze earlier"
+        if before is None:
+            plateau *= self.left(item.segment - 1, item.to)
         if item.done_s - item.onset_s < plateau - TIME_TOLERANCE_S:
             lasts = item.done_s - item.onset_s
             yield f"on the plateau for {lasts:z.3f} s instead of {plateau:zg} s"

@@ -9,17 +9,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
 from twosra_mpc.timing.transitions import Transition, TransitionModel, model_of, own_transitions
 
+Molten = tuple[float, ...]  # how much of each segment is molten; a mode is one
+
 
 @model_of.register(SequentialTiming)
 @dataclass(frozen=True)
 class Sequential(TransitionModel):
-    """Fixed waits: to soft, to rigid, and from one soft mode to another, cooled in between."""
+    """Fixed waits: to soft, to rigid, and from one soft mode to another, cooled in between.
+
+    Of a change that is under way at t = 0, what is left takes its share of a wait: what is partly
+    molten freezes, or melts on if nothing else is to be soft, or cools before all else is heated.
+    """
 
     times: SequentialTiming
 
@@ -28,15 +34,22 @@ class Sequential(TransitionModel):
         named = f"timing “{self.problem.timing}”"
         return f"the fixed waits of {named}, through which the robot stands still"
 
-    def _wait(self, before: Mode, after: Mode) -> float:
+    def _waits(self, before: Molten, after: Mode) -> tuple[float, float]:
+        """How long what is molten cools, and what becomes soft is heated then [s]."""
+        times, most = self.times, max(before)
         if before == after:
-            return 0.0
-        if is_rigid(before):
-            return self.times.heat_s
-        return self.times.freeze_s if is_rigid(after) else self.times.reconfigure_s
+            return 0.0, 0.0
+        if is_rigid(after):
+            return times.freeze_s * most, 0.0
+        begun = tuple(math.ceil(share) for share in before)
+        if most < 1 and begun in (rigid_mode(len(before)), after):
+            left = max(1 - share for share, soft in zip(before, after, strict=True) if soft)
+            return 0.0, times.heat_s * left
+        return times.reconfigure_cool_s * most, times.reconfigure_s - times.reconfigure_cool_s
 
-    def _gaps(self, sequence: ModeSequence, last: Mode) -> list[tuple[Mode, Mode]]:
-        return list(zip((self.first, *sequence), (*sequence, last), strict=True))
+    def _gaps(self, sequence: ModeSequence, last: Mode) -> list[tuple[Molten, Mode]]:
+        first: Molten = tuple(self.problem.melt_fractions)
+        return list(zip((first, *sequence), (*sequence, last), strict=True))
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         if self.problem.heaters_at_once == 1:
@@ -50,19 +63,20 @@ class Sequential(TransitionModel):
         layout = EventLayout(len(sequence), len(last))
         least, transitions, energy_J = layout.phase_order(), 0, 0.0
         for gap, (before, after) in enumerate(self._gaps(sequence, last)):
-            least[layout.end(gap - 1), layout.start(gap)] = self._wait(before, after)
-            transitions += _changes(before, after)
+            least[layout.end(gap - 1), layout.start(gap)] = sum(self._waits(before, after))
+            transitions += self._changes(before, after)
             energy_J += self._energy_J(before, after)
         return TemporalNetwork(sequence, last, least, transitions, energy_J)
 
-    def _energy_J(self, before: Mode, after: Mode) -> float:
+    def _energy_J(self, before: Molten, after: Mode) -> float:
         """Heater energy of one change of mode, or of none."""
-        if before == after:
-            return 0.0
-        reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
-        heater = self.problem.robot.heater
-        heated = sum(after) * (self.times.heat_s if is_rigid(before) else reheat)
-        return heated * heater.power_W(heater.melt_current_A)
+        heater, (_, heated_s) = self.problem.robot.heater, self._waits(before, after)
+        return sum(after) * heated_s * heater.power_W(heater.melt_current_A)
+
+    def _changes(self, before: Molten, after: Mode) -> int:
+        """Number of melts and freezes in a change of mode."""
+        cooled_s, heated_s = self._waits(before, after)
+        return sum(map(bool, before)) * (cooled_s > 0) + sum(after) * (heated_s > 0)
 
     def onward(
         self, mode: Mode, missing: frozenset[int], modes: Sequence[Mode], last: Mode
@@ -84,7 +98,8 @@ class Sequential(TransitionModel):
             done.add((here, still))
             ways = [(after, still - set(soft_segments(after)), False) for after in modes]
             for after, left, end in [*ways, *[(last, still, True)] * (not still)]:
-                step = self._wait(here, after) + weights.transition_s * _changes(here, after)
+                step = sum(self._waits(here, after))
+                step += weights.transition_s * self._changes(here, after)
                 step += weights.energy_s_per_J * self._energy_J(here, after)
                 heapq.heappush(queue, (cost + step, next(order), after, left, end))
         return math.inf
@@ -96,19 +111,19 @@ class Sequential(TransitionModel):
     def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         layout = network.layout
         for gap, (before, after) in enumerate(self._gaps(network.sequence, network.last)):
-            begin, wait = times[layout.end(gap - 1)], self._wait(before, after)
-            if wait == 0.0:
-                continue
-            cooled = begin + (wait if is_rigid(after) else self.times.reconfigure_cool_s)
-            heat_from = begin if is_rigid(before) else cooled
-            freeze, melt = (begin, begin, cooled), (heat_from, heat_from, begin + wait)
-            yield from (Transition(j + 1, "rigid", *freeze) for j in soft_segments(before))
-            yield from (Transition(j + 1, "soft", *melt) for j in soft_segments(after))
+            begin, (cooled_s, heated_s) = times[layout.end(gap - 1)], self._waits(before, after)
+            cooled = begin + cooled_s
+            freeze, melt = (begin, begin, cooled), (cooled, cooled, cooled + heated_s)
+            if cooled_s:
+                molten = (j for j, share in enumerate(before) if share)
+                yield from (Transition(j + 1, "rigid", *freeze) for j in molten)
+            if heated_s:
+                yield from (Transition(j + 1, "soft", *melt) for j in soft_segments(after))
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
-        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        molten, now = self.problem.melt_fractions[segment], self.problem.temperatures[segment]
         heater, air = self.problem.robot.heater, self.problem.ambient
-        return ConstantHeating(soft, own, heater, air, now)
+        return ConstantHeating(molten, own, heater, air, now)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
@@ -117,18 +132,19 @@ class Sequential(TransitionModel):
 
         Nothing moves through either, and between them everything is rigid.
         """
-        del before
         if item.onset_s > item.heater_s + TIME_TOLERANCE_S:
             yield f"the robot waits from then on, not from {item.onset_s:z.3f} s"
         melts, lasted = item.to == "soft", item.done_s - item.heater_s
         joint = item.heater_s if melts else item.done_s
-        for j, soft in enumerate(map(bool, self.first)):
+        for j, soft in enumerate(self.problem.start_mode):
             for other in own_transitions(others, j):
                 if other.heater_s < joint - TIME_TOLERANCE_S:
-                    soft = other.to == "soft"
+                    soft = int(other.to == "soft")
             if soft and j != item.segment - 1:
                 yield f"segment {j + 1} is left soft, but all freeze before any melts"
         least = self.times.heat_s if melts else self.times.freeze_s
+        if before is None:
+            least *= self.left(item.segment - 1, item.to)
         halves = [(other, item) if melts else (item, other) for other in others]
         reconfigures = any(self._reconfigures(*pair) for pair in halves)
         if lasted < least - TIME_TOLERANCE_S and not reconfigures:
@@ -137,14 +153,12 @@ class Sequential(TransitionModel):
     def _reconfigures(self, freeze: Transition, melt: Transition) -> bool:
         """Whether a freeze and a melt are the halves of a long enough reconfiguration."""
         cooled, whole = freeze.done_s - freeze.heater_s, melt.done_s - freeze.heater_s
+        saved_s = 0.0  # of a freeze that is under way at t = 0
+        if freeze.heater_s <= TIME_TOLERANCE_S:
+            saved_s = self.times.reconfigure_cool_s * (1 - max(self.problem.melt_fractions))
         return (
             (freeze.to, melt.to) == ("rigid", "soft")
             and abs(melt.heater_s - freeze.done_s) <= TIME_TOLERANCE_S
-            and cooled >= self.times.reconfigure_cool_s - TIME_TOLERANCE_S
-            and whole >= self.times.reconfigure_s - TIME_TOLERANCE_S
+            and cooled >= self.times.reconfigure_cool_s - saved_s - TIME_TOLERANCE_S
+            and whole >= self.times.reconfigure_s - saved_s - TIME_TOLERANCE_S
         )
-
-
-def _changes(before: Mode, after: Mode) -> int:
-    """Number of melts and freezes in a change of mode: all that is soft freezes first."""
-    return 0 if before == after else sum(before) + sum(after)

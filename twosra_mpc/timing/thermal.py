@@ -7,10 +7,11 @@ a given schedule needs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.thermal.heating import (
@@ -74,7 +75,7 @@ class Thermal(TransitionModel):
     def start(self) -> ThermalStart:
         """What problems that begin alike share."""
         problem = self.problem
-        return thermal_start(self.plans, problem.temperatures, self.first, problem.heaters_at_once)
+        return thermal_start(self.plans, problem.start_states, self.first, problem.heaters_at_once)
 
     @property
     def least(self) -> tuple[LeastTimes, ...]:
@@ -107,7 +108,7 @@ class Thermal(TransitionModel):
                 raised[onset, begin] = item.done_s - item.onset_s
             previous = onset
         if self.problem.heaters_at_once == 1:
-            if any(overlaps(network.sequence, self.first, network.last)):
+            if self._many_heated(made) or any(overlaps(network.sequence, self.first, network.last)):
                 raised[layout.finish, layout.origin] = 1.0  # not refused, but not planned either
             for _, off, on in handovers(network.sequence, self.first, network.last):
                 late = made[off].heater_s - made[on].heater_s
@@ -116,13 +117,20 @@ class Thermal(TransitionModel):
                     raised[events] = times[events[1]] - times[events[0]] + late
         return None if raised == network.least else replace(network, least=raised)
 
+    def _many_heated(self, made: Mapping[Event, SegmentTransition]) -> bool:
+        """Whether several segments that are liquid at t = 0 are held so."""
+        held = {j for j, soft in enumerate(self.first) if soft == 1}
+        held -= {event.segment for event, item in made.items() if item.heater_s <= _SETTLED_S}
+        return len(held) > 1
+
     def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         for event, item in self._made(network, times).items():
             yield Transition(event.segment + 1, *item)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
         made, _ = self._heated(segment, tuple((item.to, item.onset_s) for item in own))
-        return ThermalHeating(bool(self.first[segment]), own, made.model, made.pieces)
+        molten = self.problem.melt_fractions[segment]
+        return ThermalHeating(molten, own, made.model, made.pieces)
 
     def _made(
         self, network: TemporalNetwork, times: Sequence[float]
@@ -140,7 +148,7 @@ class Thermal(TransitionModel):
         """How a segment is heated to melt and freeze at some onsets; asked over and over."""
 
         def heated(segment: int, onsets: Onsets) -> Heated:
-            soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+            soft, now = self.first[segment] == 1, self.problem.start_states[segment]
             return self.plans[segment].heated(now, soft, onsets)
 
         return lru_cache(maxsize=64)(heated)
@@ -149,6 +157,10 @@ class Thermal(TransitionModel):
 @dataclass(frozen=True)
 class ThermalHeating(TemperatureTrajectory, SegmentHeating):
     """Heater and state by the thermal model, piece by piece."""
+
+    def body_C(self, t: Array) -> Array | None:
+        states = self.states_at(t)
+        return states[1] if len(states) > 1 else None
 
     def event_times(self) -> list[float]:
         changes = [t for item in self.transitions for t in item[2:]]

@@ -1,7 +1,7 @@
 """What a thermal start allows: networks that no history of melts and freezes can undercut.
 
-Problems of one robot that begin alike, at the same temperatures and with the same heaters, share
-their networks, whatever else differs: they are made once.
+Problems of one robot that begin alike, in the same state of the metal and with the same heaters,
+share their networks, whatever else differs: they are made once.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 
-from twosra_mpc.robot.modes import Mode, ModeSequence
+from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness
 from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.least_times import LeastTimes
+from twosra_mpc.thermal.model import State
 from twosra_mpc.timing.network import (
     Delay,
     Dwell,
@@ -38,20 +39,20 @@ class ThermalStart:
 
     Attributes:
         plans: How each segment is heated.
-        temperatures: At t = 0.
+        states: Of the metal at t = 0.
         first: Stiffness at t = 0.
         heaters_at_once: How many heaters may be on at a time.
     """
 
     plans: tuple[HeatingPlan, ...]
-    temperatures: tuple[float, ...]
-    first: Mode
+    states: tuple[State, ...]
+    first: StartingStiffness
     heaters_at_once: int
 
     @cached_property
     def least(self) -> tuple[LeastTimes, ...]:
         """What no history of each segment can undercut; one for segments that are alike."""
-        return tuple(map(cache(LeastTimes), self.plans, self.temperatures))
+        return tuple(map(cache(LeastTimes), self.plans, self.states))
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         """Why no heating with each heater on once around a soft phase gives it, or None."""

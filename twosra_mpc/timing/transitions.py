@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, Stiffness
 from twosra_mpc.robot.timing import Timing
 from twosra_mpc.timing.network import TemporalNetwork
 
@@ -37,11 +37,11 @@ class SegmentHeating(ABC):
     """One segment's heater and state over time; times in s, arrays of the times' shape.
 
     Attributes:
-        soft_at_start: Whether the segment is liquid at t = 0.
+        molten_at_start: Melt fraction at t = 0: 1 if the segment is liquid.
         transitions: Its transitions in order.
     """
 
-    soft_at_start: bool
+    molten_at_start: float
     transitions: tuple[Transition, ...]
 
     @abstractmethod
@@ -60,13 +60,18 @@ class SegmentHeating(ABC):
     def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
         """Expected temperature [C] and melt fraction, from 0 (solid) to 1 (liquid)."""
 
+    def body_C(self, t: Array) -> Array | None:
+        """Expected temperature of what is around the metal [C]; None: it is as warm."""
+        del t
+        return None
+
     @abstractmethod
     def energy_J(self, until_s: float) -> float:
         """Heater energy from t = 0."""
 
     def soft(self, t: Array) -> NDArray[np.bool_]:
         """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
-        value = np.full(t.shape, self.soft_at_start)
+        value = np.full(t.shape, self.molten_at_start == 1)
         for item in self.transitions:
             value[t >= (item.done_s if item.to == "soft" else item.onset_s)] = item.to == "soft"
         return value
@@ -85,9 +90,9 @@ class TransitionModel(ABC):
     problem: Problem
 
     @cached_property
-    def first(self) -> Mode:
+    def first(self) -> StartingStiffness:
         """Stiffness at t = 0."""
-        return self.problem.start_mode
+        return self.problem.start_stiffness
 
     @property
     @abstractmethod
@@ -148,6 +153,11 @@ class TransitionModel(ABC):
     @abstractmethod
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         """What a schedule really needs: constraints that ``times`` violate, raised; else None."""
+
+    def left(self, segment: int, to: Stiffness) -> float:
+        """Share of the first change of a segment (from 0) that is still to come at t = 0."""
+        molten = self.problem.melt_fractions[segment]
+        return 1.0 - molten if to == "soft" else molten
 
     def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
         """Melts and freezes of a sequence with these event times, by heater time."""

@@ -13,7 +13,14 @@ from twosra_mpc.planning.bounds.bends import (
     least_durations,
     unreachable_reason,
 )
-from twosra_mpc.robot.modes import Mode, ModeSequence, blocks_of, is_rigid, rigid_mode
+from twosra_mpc.robot.modes import (
+    Mode,
+    ModeSequence,
+    StartingStiffness,
+    blocks_of,
+    is_rigid,
+    rigid_mode,
+)
 
 
 class Drive(NamedTuple):
@@ -76,12 +83,12 @@ class StageBounds:
         """The mode in which every segment is solid."""
         return rigid_mode(len(self.change))
 
-    def opening(self, begins: Mode) -> ModeSequence:
+    def opening(self, begins: StartingStiffness) -> ModeSequence:
         """The first drive if the robot is solid and may drive, else nothing."""
         drives = self.drives_first and self.rigid in self.modes and begins == self.rigid
         return (self.rigid,) if drives else ()
 
-    def sequences(self, begins: Mode) -> Iterator[ModeSequence]:
+    def sequences(self, begins: StartingStiffness) -> Iterator[ModeSequence]:
         """Yield every sequence of up to ``most_phases`` phases from a stiffness on."""
         heads = [self.opening(begins)]
         for length in range(self.most_phases + 1):
@@ -92,14 +99,14 @@ class StageBounds:
                 if whole and len(whole) <= self.most_phases and self.misfit(whole) is None:
                     yield whole
 
-    def longer(self, head: ModeSequence, begins: Mode) -> Iterator[ModeSequence]:
+    def longer(self, head: ModeSequence, begins: StartingStiffness) -> Iterator[ModeSequence]:
         """Yield a sequence with every mode that may follow."""
         for mode in self.modes:
             stays = mode == head[-1] if head else begins == self.rigid == mode
             if not stays:
                 yield (*head, mode)
 
-    def closed(self, head: ModeSequence, begins: Mode) -> ModeSequence | None:
+    def closed(self, head: ModeSequence, begins: StartingStiffness) -> ModeSequence | None:
         """The sequence that ends as the stage asks for; None if another head stands for it."""
         rigid, opening = self.rigid, head == (self.rigid,) and begins == self.rigid
         if self.last == rigid and rigid in self.modes and not opening:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds
-from twosra_mpc.robot.modes import Mode, ModeSequence
+from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness
 
 Stages = Sequence[StageBounds]
 
@@ -50,7 +50,7 @@ class Nodes:
     """
 
     variants: Sequence[Stages]
-    first: Mode
+    first: StartingStiffness
 
     @property
     def only(self) -> StageBounds | None:
@@ -70,7 +70,7 @@ class Nodes:
         begins = sequences[-1][-1] if sequences else self.first
         return Node(variant, sequences, stages[len(sequences)].opening(begins))
 
-    def open_stage(self, node: Node) -> tuple[StageBounds, Mode] | None:
+    def open_stage(self, node: Node) -> tuple[StageBounds, StartingStiffness] | None:
         """The stage that is open, and the stiffness in which it begins; None: all are over."""
         stages = self.variants[node.variant]
         if len(node.sequences) == len(stages):

@@ -100,7 +100,7 @@ class Tree(Generic[Solution]):
             return self._infeasible(whole, reason)
         to_go, least = self.leaves.so_far.to_go, past.cost
         if done and node.head == stage.opening(begins):
-            return least + to_go.least(node.variant, done, begins, self._way(node))
+            return least + to_go.least(node.variant, done, past.phases[-1], self._way(node))
         if not node.head:
             return least
         if (reason := self.leaves.so_far.timing.refusal(whole, stage.rigid)) is not None:

@@ -98,7 +98,8 @@ class Necessity(InTheWay):
     def _by_slices(self, headings: int) -> None:
         problem, geometry = self.problem, self._geometry
         start, goal = problem.start.configuration, problem.goal.configuration
-        solid = is_rigid(problem.start_mode) and is_rigid(problem.goal.mode)
+        rigid = problem.robot.rigid
+        solid = problem.start_stiffness == problem.goal.mode == rigid
         known = not np.isnan(goal[POSE:]).any()
         known &= problem.goal.half_width[POSE:].max() <= _MOST_PER_M
         if not (solid and known and problem.obstacles):  # only then ``soft_travel_m`` is a rule
