@@ -22,7 +22,7 @@ _LAGS, _SHARES = (0.18, 1.3), (0.5, 1.0)  # of the longest, and of reports; of i
 _REST_OFF_K, _WARM_OFF_K = 1.0, 3.0  # of metal at rest; of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a reading is of solid metal
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
-_STEP_S = 0.5  # the fastest metal warms by 1 K in it
+_STEP_S, _COOLS_S = 0.5, 1.5  # the fastest metal warms by 1 K in the one, and cools in the other
 _EPS = 1e-6
 
 
@@ -125,7 +125,7 @@ class Kinds:
         each = [nominal.initial(one) for one in (start.metal_C + off_K - melts_K).tolist()]
         shown_C = start.shown_C + off_K * (start.metal_C == start.shown_C)
         sensor = Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)
-        return Segments(self, model, sensor, tuple(np.array(each).T), np.array([shown_C, shown_C]))
+        return Segments(self, model, sensor, tuple(np.array(each).T), shown_C, shown_C)
 
 
 class Sensor(NamedTuple):
@@ -146,74 +146,82 @@ class Segments:
         model: All as one.
         sensor: Their sensors.
         state: Of their metal, as the nominal model's, each (n,).
-        lag_C: Of their sensors, (2, n); the last is what they show.
+        between_C: Temperatures between the two lags of their sensors, (n,).
+        shown_C: Readings, (n,).
     """
 
     kinds: Kinds
     model: SegmentModel
     sensor: Sensor
     state: tuple[Array, ...]
-    lag_C: Array
-
-    @property
-    def shown_C(self) -> Array:
-        """Readings, (n,)."""
-        shown_C: Array = self.lag_C[1]
-        return shown_C
+    between_C: Array
+    shown_C: Array
 
     @property
     def level(self) -> Array:
         """Levels of the metal, as the nominal model's, (n,)."""
         return self.kinds.nominal.level(self.state)
 
+    def some(self, which: slice) -> Segments:
+        """Some of them."""
+        names, sensor = self.kinds.names, Sensor(*(each[..., which] for each in self.sensor))
+        model = replace(self.model, **{name: getattr(self.model, name)[which] for name in names})
+        state = tuple(value[which] for value in self.state)
+        return Segments(
+            self.kinds, model, sensor, state, self.between_C[which], self.shown_C[which]
+        )
+
     def warmed(self, heat: Heat) -> Segments:
         """Let time pass."""
         if not heat.passed_s:
             return self
-        state, lag_C, sensor = self.state, self.lag_C, self.sensor
-        share = np.clip(heat.share + heat.unknown * sensor.bias, 0.0, 1.0)
-        if heat.warm:
-            share = share * sensor.keeps
-        if not math.isnan(heat.held_C):
-            share = self._holding(heat.held_C)
-        steps = max(1, math.ceil(heat.passed_s / _STEP_S - 1e-9))
-        step_s, current_A = heat.passed_s / steps, self.kinds.full_A * np.sqrt(share)
-        kept = np.exp(-step_s / sensor.lags_s)
-        touched_C = self._touched_C(state)
+        nominal, model, sensor, state = self.kinds.nominal, self.model, self.sensor, self.state
+        steps = max(1, math.ceil(heat.passed_s / (_COOLS_S if heat.off else _STEP_S) - 1e-9))
+        step_s, current_A = heat.passed_s / steps, self._current_A(heat)
+        caught_up, air_C, half = (
+            -np.expm1(-step_s / sensor.lags_s),
+            model.ambient_C,
+            sensor.gain / 2,
+        )
+        between_C, shown_C = self.between_C, self.shown_C
+        here_C, untouched_C = model.temperature_in(nominal, state), air_C * (1 - sensor.gain)
         for _ in range(steps):
-            state = self._after(state, current_A, step_s)
-            before_C, touched_C = touched_C, self._touched_C(state)
-            middle_C = (before_C + touched_C) / 2
-            first_C = middle_C + (lag_C[0] - middle_C) * kept[0]
-            middle_C = (lag_C[0] + first_C) / 2
-            lag_C = np.array([first_C, middle_C + (lag_C[1] - middle_C) * kept[1]])
-        return replace(self, state=state, lag_C=lag_C)
+            rates = model.rates_in(nominal, state, here_C, current_A)
+            state = tuple(value + step_s * rate for value, rate in zip(state, rates, strict=True))
+            before_C, here_C = here_C, model.temperature_in(nominal, state)
+            touched_C = untouched_C + half * (before_C + here_C)
+            last_C, between_C = between_C, between_C + (touched_C - between_C) * caught_up[0]
+            shown_C = shown_C + ((last_C + between_C) / 2 - shown_C) * caught_up[1]
+        return Segments(self.kinds, model, sensor, state, between_C, shown_C)
 
     def warms_by(self, for_s: float) -> Array:
         """Rise of the level at full current, (n,)."""
         nominal = self.kinds.nominal
-        ahead = self._after(self.state, self.kinds.full_A, for_s)
+        here_C = self.model.temperature_in(nominal, self.state)
+        ahead = self._after(here_C, self.kinds.full_A, for_s)
         return nominal.level(ahead) - nominal.level(self.state)
 
-    def _touched_C(self, state: tuple[Array, ...]) -> Array:
-        """Temperatures that the sensors lag behind."""
-        air_C = self.model.ambient_C
-        return air_C + self.sensor.gain * (
-            self.model.temperature_in(self.kinds.nominal, state) - air_C
-        )
+    def _current_A(self, heat: Heat) -> Array | float:
+        if heat.off:
+            return 0.0
+        share = np.clip(heat.share + heat.unknown * self.sensor.bias, 0.0, 1.0)
+        if heat.warm:
+            share = share * self.sensor.keeps
+        if not math.isnan(heat.held_C):
+            share = self._holding(heat.held_C)
+        current_A: Array = self.kinds.full_A * np.sqrt(share)
+        return current_A
 
-    def _after(
-        self, state: tuple[Array, ...], current_A: Array | float, for_s: float
-    ) -> tuple[Array, ...]:
-        rates = self.model.rates_in(self.kinds.nominal, state, current_A)
-        return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
+    def _after(self, here_C: Array, current_A: Array | float, for_s: float) -> tuple[Array, ...]:
+        rates = self.model.rates_in(self.kinds.nominal, self.state, here_C, current_A)
+        return tuple(value + for_s * rate for value, rate in zip(self.state, rates, strict=True))
 
     def _holding(self, shown_C: float) -> Array:
         """Shares with which metal goes to where a reading shows it."""
         model, nominal, air_C = self.model, self.kinds.nominal, self.model.ambient_C
         here_C = model.temperature_in(nominal, self.state)
         cools_C, warms_C = (
-            model.temperature_in(nominal, self._after(self.state, current_A, 1.0))
+            model.temperature_in(nominal, self._after(here_C, current_A, 1.0))
             for current_A in (0.0, self.kinds.full_A)
         )
         to_C = air_C + (shown_C - air_C) / self.sensor.gain

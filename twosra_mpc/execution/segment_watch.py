@@ -52,7 +52,7 @@ _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a s
 _RECENT = 20  # readings, a second apart, that tell whether it warms or cools
 _STANDS = 4  # of them that are the same
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
-_EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
+_EVERY_S, _OFF_EVERY_S = 0.9, 2.9  # readings are compared with healthy ones' at most so often
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
@@ -143,7 +143,9 @@ class SegmentWatch:
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
         self._usual_K, self._readings = 0.0, 0
         self._was, self._heat = 0.0, Heat(0.0, 0.0)
+        self._sound_C: float | None = None
         self._recent_C: deque[float] = deque(maxlen=_RECENT)
+        self._recent_s = -math.inf
 
     @property
     def may_be_soft(self) -> bool:
@@ -235,14 +237,23 @@ class SegmentWatch:
             return
         if first and shown_C is not None:
             self.belief = self.belief.begun(shown_C, self._start_C)
-        self._heat = self._heat.then(self._heat_of(passed_s, setpoint_C, shown_C, current_A))
-        if first or self._heat.passed_s >= _EVERY_S:
-            self.belief, self._heat = self.belief.take(self._heat, shown_C), Heat(0.0, 0.0)
-            self._recent_C.extend([] if shown_C is None else [shown_C])
+        heat = self._heat_of(passed_s, setpoint_C, shown_C, current_A)
+        if heat.off != self._heat.off:
+            self._compare(self.belief, _EVERY_S)
+        self._heat, self._sound_C = self._heat.then(heat), shown_C
+        self._compare(self.belief, _OFF_EVERY_S if heat.off else _EVERY_S)
+        if shown_C is not None and time_s >= self._recent_s + _EVERY_S:
+            self._recent_C.append(shown_C)
+            self._recent_s = time_s
         called = self._asked == "soft" and self.belief.may_be_liquid
         called_s = self._lasts_s("called", called, time_s)
         sure = self._molten or self.belief.surely_liquid
         self._molten = called and (called_s >= self._longest_s["soft"] or sure)
+
+    def _compare(self, belief: HeatBelief, every_s: float) -> None:
+        """Compare the last reading with healthy ones, if so much time has passed."""
+        if self._heat.passed_s >= every_s:
+            self.belief, self._heat = belief.take(self._heat, self._sound_C), Heat(0.0, 0.0)
 
     def _heat_of(
         self, passed_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
@@ -305,12 +316,12 @@ class SegmentWatch:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        risen_K = here_C - self._recent_C[0]
+        risen_K, above = here_C - self._recent_C[0], here_C > (low_C + high_C) / 2
         at_C = abs(here_C - self._heater.melting_point_C)
         melts = (
             at_C < _OFF_BY_K and self._is_alive
         )  # else what stands still is a sensor that sticks
-        if belief.heated_s > 0.0 and here_C <= high_C:
+        if belief.heated_s > 0.0 and not above and self._asked != "rigid":
             cold_C, dead = belief.start.shown_C + _WARMED_K, ""
             if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
                 dead = "warm"
@@ -320,21 +331,20 @@ class SegmentWatch:
                 self.belief = belief.begun(here_C, here_C)  # one may go on without it
                 words = f"heating does not {dead} it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-        if self._asked == "soft" and here_C < low_C:
+        if self._asked == "soft" and not above:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
         stands = len({*list(self._recent_C)[-_STANDS:]}) == 1  # to the last digit
-        if here_C > high_C and not stands and melts and self._asked == "rigid":
+        if above and not stands and melts and self._asked == "rigid":
             self._raise("cooling", f"{words}: it cools too slowly")
-        if here_C > high_C and not stands and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
+        if above and not stands and abs(risen_K) >= max(_SAME_K / 2, 5 * self._flicker_K):
             if risen_K > 0.0 and self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
             if risen_K > 0.0 and here_C > self._heater.soft_setpoint_C + _HELD_K:
                 self._raise("hot", f"{words}: its heater does not go off")
             if self._asked == "rigid":
                 self._raise("cooling", f"{words}: it cools too slowly")
-        much = "much" if here_C > high_C else "little"
-        self._raise("sensor", f"{words}: its sensor shows too {much}")
+        self._raise("sensor", f"{words}: its sensor shows too {'much' if above else 'little'}")
 
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None
