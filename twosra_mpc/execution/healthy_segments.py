@@ -16,6 +16,7 @@ import numpy as np
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
+from twosra_mpc.validation import ArrayValue
 
 _MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 0.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
 _LAGS, _SHARES = (0.18, 1.3), (0.5, 1.0)  # of the longest, and of reports; of it in the first
@@ -34,24 +35,24 @@ class Heat(NamedTuple):
         share: Share of full power.
         unknown: By how much more or less that may be.
         warm: True if this was metal to be kept warm, not molten: not every firmware does.
-        held_C: Reading about which a switch holds metal, with a share nobody knows; or NaN.
+        held_C: Reading about which a switch holds metal, with a share nobody knows.
     """
 
     passed_s: float
     share: float
     unknown: float = 0.0
     warm: bool = False
-    held_C: float = math.nan
+    held_C: float | None = None
 
     @property
     def off(self) -> bool:
         """True if there was none."""
-        return not self.share and not self.unknown and math.isnan(self.held_C)
+        return not self.share and not self.unknown and self.held_C is None
 
     @property
     def unknown_s(self) -> float:
         """Time at full power that nobody knows of."""
-        return self.passed_s * (self.unknown if math.isnan(self.held_C) else 1.0)
+        return self.passed_s * (self.unknown if self.held_C is None else 1.0)
 
     def then(self, later: Heat) -> Heat:
         """Heat of both times."""
@@ -63,7 +64,7 @@ class Heat(NamedTuple):
             before + part * (after - before)
             for before, after in ((self.share, later.share), (self.unknown, later.unknown))
         )
-        held_C = math.nan if math.isnan(self.held_C) else later.held_C
+        held_C = None if self.held_C is None else later.held_C
         return Heat(passed_s, share, unknown, later.warm, held_C)
 
 
@@ -78,8 +79,8 @@ class Start(NamedTuple):
     off_K: float
 
 
-@dataclass(frozen=True, eq=False)
-class Kinds:
+@dataclass(frozen=True, eq=False, repr=False)
+class Kinds(ArrayValue):
     """Kinds of healthy segments.
 
     Attributes:
@@ -137,8 +138,8 @@ class Sensor(NamedTuple):
     bias: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Segments:
+@dataclass(frozen=True, eq=False, repr=False)
+class Segments(ArrayValue):
     """Segments, their metal and what their sensors show.
 
     Attributes:
@@ -164,12 +165,11 @@ class Segments:
 
     def some(self, which: slice) -> Segments:
         """Some of them."""
-        names, sensor = self.kinds.names, Sensor(*(each[..., which] for each in self.sensor))
-        model = replace(self.model, **{name: getattr(self.model, name)[which] for name in names})
+        own = {name: getattr(self.model, name)[which] for name in self.kinds.names}
+        sensor = Sensor(*(each[..., which] for each in self.sensor))
         state = tuple(value[which] for value in self.state)
-        return Segments(
-            self.kinds, model, sensor, state, self.between_C[which], self.shown_C[which]
-        )
+        shown = self.between_C[which], self.shown_C[which]
+        return Segments(self.kinds, replace(self.model, **own), sensor, state, *shown)
 
     def warmed(self, heat: Heat) -> Segments:
         """Let time pass."""
@@ -178,13 +178,12 @@ class Segments:
         nominal, model, sensor, state = self.kinds.nominal, self.model, self.sensor, self.state
         steps = max(1, math.ceil(heat.passed_s / (_COOLS_S if heat.off else _STEP_S) - 1e-9))
         step_s, current_A = heat.passed_s / steps, self._current_A(heat)
-        caught_up, air_C, half = (
+        between_C, shown_C, half = self.between_C, self.shown_C, sensor.gain / 2
+        untouched_C, caught_up = (
+            model.ambient_C * (1 - sensor.gain),
             -np.expm1(-step_s / sensor.lags_s),
-            model.ambient_C,
-            sensor.gain / 2,
         )
-        between_C, shown_C = self.between_C, self.shown_C
-        here_C, untouched_C = model.temperature_in(nominal, state), air_C * (1 - sensor.gain)
+        here_C = model.temperature_in(nominal, state)
         for _ in range(steps):
             rates = model.rates_in(nominal, state, here_C, current_A)
             state = tuple(value + step_s * rate for value, rate in zip(state, rates, strict=True))
@@ -207,7 +206,7 @@ class Segments:
         share = np.clip(heat.share + heat.unknown * self.sensor.bias, 0.0, 1.0)
         if heat.warm:
             share = share * self.sensor.keeps
-        if not math.isnan(heat.held_C):
+        if heat.held_C is not None:
             share = self._holding(heat.held_C)
         current_A: Array = self.kinds.full_A * np.sqrt(share)
         return current_A
@@ -242,16 +241,7 @@ def healthy_kinds(robot: Robot, air_C: float, segment: int) -> Kinds:
         within["melting_point_C"] = least_C - _MELTS_OFF_K, most_C + _MELTS_OFF_K
     within["ambient_C"] = air_C - _AIR_OFF_K, air_C + _AIR_OFF_K
     low, high = described.ranges.get("sensor_gain", (gain, gain))
-    ends = np.array(
-        [
-            *within.values(),
-            (low - _GAIN_OFF, high + _GAIN_OFF),
-            (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
-            _SHARES,
-            (0.0, 1.0),
-            (-1.0, 1.0),
-            (-1.0, 1.0),
-        ]
-    )
+    sensor = (low - _GAIN_OFF, high + _GAIN_OFF), (_LAGS[0] * longest_s, _LAGS[1] * longest_s)
+    ends = np.array([*within.values(), *sensor, _SHARES, (0.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)])
     middle, half = ends.mean(axis=1), np.diff(ends, axis=1)[:, 0] / 2
     return Kinds(nominal, robot.heater.melt_current_A, tuple(within), middle, half)

@@ -21,6 +21,7 @@ import numpy as np
 from twosra_mpc.execution.healthy_segments import Heat, Kinds, Segments, Start, healthy_kinds
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import Array
+from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 20.0  # of the readings and the prior; of 100 healthy robots 16 at most
@@ -38,7 +39,12 @@ _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, a
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _QUIET_S = 60.0  # after which metal is at rest
 _UNKNOWN_S = 2.0  # of full heat, after which liquid metal is as warm as the reading has it
+_EVERY_S, _OFF_EVERY_S = 0.9, 2.9  # between readings that say something new
 _RESTS_S, _MOST = 30.0, 1800  # remembered at least, at rest; readings, at most
+
+
+NONE = Heat(0.0, 0.0)
+Since = tuple[tuple[Heat, float | None], ...]
 
 
 class Prior(NamedTuple):
@@ -48,8 +54,8 @@ class Prior(NamedTuple):
     precision: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(ArrayValue):
     """Costs of some kinds, and their derivatives: twice the negative logarithm of a probability.
 
     Attributes:
@@ -87,46 +93,42 @@ class Fit:
         hessian = self.hessian + weight * slope[:, :, None] * slope[:, None, :]
         return Fit(self.about, self.across, segments, cost, gradient, hessian)
 
-    def solved(self, prior: Prior) -> Solution:
-        """Gauss-Newton steps within the ranges."""
+    def solved(self, prior: Prior) -> tuple[Array, Array, Array, Array]:
+        """Gauss-Newton steps within the ranges.
+
+        Returns:
+            Covariance (s, p, p), steps (s, p), costs before them with the prior's (s,), and by how
+            much they should become less (s,).
+        """
         precision, off = self.hessian + prior.precision, self.about - prior.mean
-        covariance = _inverse(precision)
-        away = off @ prior.precision
+        covariance, away = _inverse(precision), off @ prior.precision
         right, steps = self.gradient - away, np.empty_like(self.about)
         for k, about in enumerate(self.about):
             steps[k] = _within(covariance[k], right[k], -_ENDS - about, _ENDS - about)
         bent = (precision @ steps[:, :, None])[:, :, 0]
-        cost = self.cost + (away * off).sum(axis=1)
-        return Solution(covariance, steps, cost, ((2 * right - bent) * steps).sum(axis=1))
+        gain = ((2 * right - bent) * steps).sum(axis=1)
+        return covariance, steps, self.cost + (away * off).sum(axis=1), gain
 
     def only(self, k: int) -> Fit:
         """One of the kinds."""
-        one, each = slice(k, k + 1), 1 + self.about.shape[1]
-        segments = self.segments.some(slice(k * each, (k + 1) * each))
-        return Fit(
-            self.about[one],
-            self.across,
-            segments,
-            self.cost[one],
-            self.gradient[one],
-            self.hessian[one],
-        )
+        one, size = slice(k, k + 1), 1 + self.about.shape[1]
+        segments = self.segments.some(slice(k * size, (k + 1) * size))
+        own = (each[one] for each in (self.cost, self.gradient, self.hessian))
+        return Fit(self.about[one], self.across, segments, *own)
 
 
-class Solution(NamedTuple):
-    """Gauss-Newton steps from some kinds.
-
-    Attributes:
-        covariance: There, (s, p, p).
-        steps: Within the ranges, (s, p).
-        cost: With the prior's, before the steps, (s,).
-        gain: By how much they should lower it, (s,).
-    """
-
-    covariance: Array
-    steps: Array
-    cost: Array
-    gain: Array
+def _fit(kinds: Kinds, start: Start, covariance: Array, points: Array, since: Since = ()) -> Fit:
+    """Costs of kinds, (s, p), with heat and readings since the start, and a covariance there."""
+    spread, axes = np.linalg.eigh(covariance)
+    apart = _DEVIATION * (axes * np.sqrt(spread)).T
+    apart *= np.where(np.abs(points[0] + apart).max(axis=1) > _ENDS, -1.0, 1.0)[:, None]
+    every = points[:, None] + np.vstack([np.zeros(kinds.size), apart])
+    segments = kinds.begun(every.reshape(-1, kinds.size), start)
+    none = np.zeros((len(points), kinds.size, kinds.size))
+    fit = Fit(points, _inverse(apart), segments, none[:, 0, 0], none[:, 0], none)
+    for heat, shown_C in since:
+        fit = fit.take(heat, shown_C)
+    return fit
 
 
 def _inverse(matrix: Array) -> Array:
@@ -147,8 +149,8 @@ def _within(covariance: Array, right: Array, low: Array, high: Array) -> Array:
         step = np.where(held, bounded, free + covariance[:, held] @ off)
 
 
-@dataclass(frozen=True, eq=False)
-class HeatBelief:
+@dataclass(frozen=True, eq=False, repr=False)
+class HeatBelief(ArrayValue):
     """Estimate of a segment; a value, which ``take`` replaces.
 
     Attributes:
@@ -161,9 +163,10 @@ class HeatBelief:
         covariance: Of the parameters, (p, p).
         cost: Of the readings and the prior, after the step.
         since: Heat and readings since the start.
+        heat: Heat since the last of them.
+        shown_C: Last reading; None if there was none.
         square_K2: Mean square distance of the last readings.
         quiet_s: Time for which the heater has been off.
-        unknown_s: Time at full power since the start that nobody knows of.
         wait: Readings until all may be made anew.
         surely: Deviations up to which metal may be hotter.
         cut: True if the heater must be off, whatever a reading says.
@@ -177,10 +180,11 @@ class HeatBelief:
     step: Array
     covariance: Array
     cost: float = 0.0
-    since: tuple[tuple[Heat, float | None], ...] = ()
+    since: Since = ()
+    heat: Heat = NONE
+    shown_C: float | None = None
     square_K2: float = 0.0
     quiet_s: float = 0.0
-    unknown_s: float = 0.0
     wait: int = 0
     surely: float = _SURELY
     cut: bool = False
@@ -237,18 +241,24 @@ class HeatBelief:
     def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
         start = self.kinds.start(shown_C, said_C)
-        now = replace(self, start=start, since=(), square_K2=0.0, unknown_s=0.0, cut=False)
+        now = replace(self, start=start, since=(), heat=NONE, square_K2=0.0, cut=False)
         return now._about(now._fitted(self.prior.mean[None]))
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Warm the segment, and compare it with a reading, if there is one."""
-        now = replace(
-            self,
-            since=(*self.since, (heat, shown_C)),
-            quiet_s=self.quiet_s + heat.passed_s if heat.off else 0.0,
-            unknown_s=self.unknown_s + heat.unknown_s,
-            wait=self.wait - 1,
-        )
+        """Let heat in, and look at a reading, if there is one; most say nothing new."""
+        now, before = self, self.heat
+        if heat.off != before.off and before.passed_s >= _EVERY_S:
+            now, before = self._compared(before, self.shown_C), NONE
+        both = before.then(heat)
+        if both.passed_s >= (_OFF_EVERY_S if both.off else _EVERY_S):
+            return now._compared(both, shown_C)
+        return replace(now, heat=both, shown_C=shown_C)
+
+    def _compared(self, heat: Heat, shown_C: float | None) -> HeatBelief:
+        """Compare a reading with healthy ones."""
+        quiet_s = self.quiet_s + heat.passed_s if heat.off else 0.0
+        since, wait = (*self.since, (heat, shown_C)), self.wait - 1
+        now = replace(self, heat=NONE, since=since, quiet_s=quiet_s, wait=wait)
         fit = self.fit.take(heat, shown_C)
         if shown_C is None:
             return replace(now, fit=fit)
@@ -266,8 +276,8 @@ class HeatBelief:
         """True if a reading tells the metal's heat, or the heater's does not any more."""
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
             return sum(heat.passed_s for heat, _ in self.since) >= _RESTS_S
-        unknown = self.unknown_s >= _UNKNOWN_S and self.surely_liquid
-        return unknown or len(self.since) >= _MOST
+        unknown_s = sum(heat.unknown_s for heat, _ in self.since)
+        return (unknown_s >= _UNKNOWN_S and self.surely_liquid) or len(self.since) >= _MOST
 
     def _about(self, fit: Fit) -> HeatBelief:
         """Make a step from one kind."""
@@ -284,18 +294,7 @@ class HeatBelief:
         return self.kinds.nominal.temperature_C(self.kinds.nominal.at_level(state, level))
 
     def _fitted(self, points: Array) -> Fit:
-        """Costs of kinds, (s, p), with all heat and readings since the start."""
-        size = self.kinds.size
-        spread, axes = np.linalg.eigh(self.covariance)
-        apart = _DEVIATION * (axes * np.sqrt(spread)).T
-        apart *= np.where(np.abs(points[0] + apart).max(axis=1) > _ENDS, -1.0, 1.0)[:, None]
-        every = points[:, None] + np.vstack([np.zeros(size), apart])
-        segments = self.kinds.begun(every.reshape(-1, size), self.start)
-        none = np.zeros((len(points), size, size))
-        fit = Fit(points, _inverse(apart), segments, none[:, 0, 0], none[:, 0], none)
-        for heat, shown_C in self.since:
-            fit = fit.take(heat, shown_C)
-        return fit
+        return _fit(self.kinds, self.start, self.covariance, points, self.since)
 
     def _hotter(self) -> Array:
         """Most probable direction in which metal is hotter, by one deviation, (p,)."""
@@ -349,30 +348,19 @@ class HeatBelief:
         least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
         least[-1] = _PRIOR
         covariance += np.diag(least**2)
-        precision = _inverse(covariance)
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
         start = self.kinds.start(shown_C, metal_C)
-        now = replace(
-            self,
-            prior=Prior(mean, precision),
-            covariance=covariance,
-            start=start,
-            since=(),
-            unknown_s=0.0,
-        )
+        prior = Prior(mean, _inverse(covariance))
+        now = replace(self, prior=prior, covariance=covariance, start=start, since=())
         return now._about(now._fitted(mean[None]))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
     kinds = healthy_kinds(robot, air_C, segment)
-    prior = Prior(np.zeros(kinds.size), np.eye(kinds.size) / _PRIOR**2)
-    start, size = kinds.start(start_C, start_C), kinds.size
-    none = np.zeros((1, size))
-    nothing = Fit(
-        none, np.eye(size), kinds.begun(none, start), none[:, 0], none, np.zeros((1, size, size))
-    )
-    cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
+    none, start = np.zeros(kinds.size), kinds.start(start_C, start_C)
+    prior = Prior(none, np.eye(kinds.size) / _PRIOR**2)
     covariance = _inverse(prior.precision)
-    belief = HeatBelief(kinds, cut_C, prior, start, nothing, none[0], covariance)
-    return belief.begun(start_C, start_C)
+    fit = _fit(kinds, start, covariance, none[None])
+    cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
+    return HeatBelief(kinds, cut_C, prior, start, fit, none, covariance)
