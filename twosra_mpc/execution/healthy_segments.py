@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -60,10 +61,8 @@ class Heat(NamedTuple):
         if self.passed_s == 0.0 or later.passed_s == 0.0:
             return later if self.passed_s == 0.0 else self
         part = later.passed_s / passed_s
-        share, unknown = (
-            before + part * (after - before)
-            for before, after in ((self.share, later.share), (self.unknown, later.unknown))
-        )
+        share = self.share + part * (later.share - self.share)
+        unknown = self.unknown + part * (later.unknown - self.unknown)
         held_C = None if self.held_C is None else later.held_C
         return Heat(passed_s, share, unknown, later.warm, held_C)
 
@@ -116,17 +115,13 @@ class Kinds(ArrayValue):
 
     def begun(self, points: Array, start: Start) -> Segments:
         """Begin with segments of some kinds (n, p) at rest."""
-        values, count = (self.middle + self.half * points).T, len(self.names)
-        model = replace(self.nominal, **dict(zip(self.names, values, strict=False)))
-        gain, lag_s, share, keeps, bias, off = values[count:]
-        lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
-        nominal, off_K = self.nominal, start.off_K * off
+        bodies, nominal = Bodies(self, (self.middle + self.half * points).T), self.nominal
+        off_K = start.off_K * bodies.values[-1]
         at_start = tuple(map(np.atleast_1d, nominal.initial(start.metal_C)))
-        melts_K = model.temperature_in(nominal, at_start) - start.metal_C
+        melts_K = bodies.model.temperature_in(nominal, at_start) - start.metal_C
         each = [nominal.initial(one) for one in (start.metal_C + off_K - melts_K).tolist()]
         shown_C = start.shown_C + off_K * (start.metal_C == start.shown_C)
-        sensor = Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)
-        return Segments(self, model, sensor, tuple(np.array(each).T), shown_C, shown_C)
+        return Segments(bodies, tuple(np.array(each).T), shown_C, shown_C)
 
 
 class Sensor(NamedTuple):
@@ -139,21 +134,43 @@ class Sensor(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Bodies(ArrayValue):
+    """Segments of some kinds, all as one.
+
+    Attributes:
+        kinds: What they are of.
+        values: Their parameters, (p, n).
+    """
+
+    kinds: Kinds
+    values: Array
+
+    @cached_property
+    def model(self) -> SegmentModel:
+        """Model whose parameters are arrays."""
+        own = dict(zip(self.kinds.names, self.values, strict=False))
+        return replace(self.kinds.nominal, **own)
+
+    @cached_property
+    def sensor(self) -> Sensor:
+        """Their sensors."""
+        gain, lag_s, share, keeps, bias, _ = self.values[len(self.kinds.names) :]
+        lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
+        return Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Segments(ArrayValue):
     """Segments, their metal and what their sensors show.
 
     Attributes:
-        kinds: What they are of.
-        model: All as one.
-        sensor: Their sensors.
+        bodies: What they are.
         state: Of their metal, as the nominal model's, each (n,).
         between_C: Temperatures between the two lags of their sensors, (n,).
         shown_C: Readings, (n,).
     """
 
-    kinds: Kinds
-    model: SegmentModel
-    sensor: Sensor
+    bodies: Bodies
     state: tuple[Array, ...]
     between_C: Array
     shown_C: Array
@@ -161,21 +178,18 @@ class Segments(ArrayValue):
     @property
     def level(self) -> Array:
         """Levels of the metal, as the nominal model's, (n,)."""
-        return self.kinds.nominal.level(self.state)
+        return self.bodies.kinds.nominal.level(self.state)
 
     def some(self, which: slice) -> Segments:
         """Some of them."""
-        own = {name: getattr(self.model, name)[which] for name in self.kinds.names}
-        sensor = Sensor(*(each[..., which] for each in self.sensor))
+        bodies = Bodies(self.bodies.kinds, self.bodies.values[:, which])
         state = tuple(value[which] for value in self.state)
-        shown = self.between_C[which], self.shown_C[which]
-        return Segments(self.kinds, replace(self.model, **own), sensor, state, *shown)
+        return Segments(bodies, state, self.between_C[which], self.shown_C[which])
 
     def warmed(self, heat: Heat) -> Segments:
         """Let time pass."""
-        if not heat.passed_s:
-            return self
-        nominal, model, sensor, state = self.kinds.nominal, self.model, self.sensor, self.state
+        nominal, model = self.bodies.kinds.nominal, self.bodies.model
+        sensor, state = self.bodies.sensor, self.state
         steps = max(1, math.ceil(heat.passed_s / (_COOLS_S if heat.off else _STEP_S) - 1e-9))
         step_s, current_A = heat.passed_s / steps, self._current_A(heat)
         between_C, shown_C, half = self.between_C, self.shown_C, sensor.gain / 2
@@ -191,39 +205,42 @@ class Segments(ArrayValue):
             touched_C = untouched_C + half * (before_C + here_C)
             last_C, between_C = between_C, between_C + (touched_C - between_C) * caught_up[0]
             shown_C = shown_C + ((last_C + between_C) / 2 - shown_C) * caught_up[1]
-        return Segments(self.kinds, model, sensor, state, between_C, shown_C)
+        return Segments(self.bodies, state, between_C, shown_C)
 
     def warms_by(self, for_s: float) -> Array:
         """Rise of the level at full current, (n,)."""
-        nominal = self.kinds.nominal
-        here_C = self.model.temperature_in(nominal, self.state)
-        ahead = self._after(here_C, self.kinds.full_A, for_s)
+        kinds, nominal = self.bodies.kinds, self.bodies.kinds.nominal
+        here_C = self.bodies.model.temperature_in(nominal, self.state)
+        ahead = self._after(here_C, kinds.full_A, for_s)
         return nominal.level(ahead) - nominal.level(self.state)
 
     def _current_A(self, heat: Heat) -> Array | float:
         if heat.off:
             return 0.0
-        share = np.clip(heat.share + heat.unknown * self.sensor.bias, 0.0, 1.0)
+        sensor = self.bodies.sensor
+        share = np.clip(heat.share + heat.unknown * sensor.bias, 0.0, 1.0)
         if heat.warm:
-            share = share * self.sensor.keeps
+            share = share * sensor.keeps
         if heat.held_C is not None:
             share = self._holding(heat.held_C)
-        current_A: Array = self.kinds.full_A * np.sqrt(share)
+        current_A: Array = self.bodies.kinds.full_A * np.sqrt(share)
         return current_A
 
     def _after(self, here_C: Array, current_A: Array | float, for_s: float) -> tuple[Array, ...]:
-        rates = self.model.rates_in(self.kinds.nominal, self.state, here_C, current_A)
+        bodies = self.bodies
+        rates = bodies.model.rates_in(bodies.kinds.nominal, self.state, here_C, current_A)
         return tuple(value + for_s * rate for value, rate in zip(self.state, rates, strict=True))
 
     def _holding(self, shown_C: float) -> Array:
         """Shares with which metal goes to where a reading shows it."""
-        model, nominal, air_C = self.model, self.kinds.nominal, self.model.ambient_C
+        kinds, model = self.bodies.kinds, self.bodies.model
+        nominal, air_C = kinds.nominal, model.ambient_C
         here_C = model.temperature_in(nominal, self.state)
         cools_C, warms_C = (
             model.temperature_in(nominal, self._after(here_C, current_A, 1.0))
-            for current_A in (0.0, self.kinds.full_A)
+            for current_A in (0.0, kinds.full_A)
         )
-        to_C = air_C + (shown_C - air_C) / self.sensor.gain
+        to_C = air_C + (shown_C - air_C) / self.bodies.sensor.gain
         wanted_C = here_C + (to_C - here_C) / _HELD_S
         range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
         share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)

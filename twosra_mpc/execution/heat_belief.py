@@ -42,7 +42,6 @@ _UNKNOWN_S = 2.0  # of full heat, after which liquid metal is as warm as the rea
 _EVERY_S, _OFF_EVERY_S = 0.9, 2.9  # between readings that say something new
 _RESTS_S, _MOST = 30.0, 1800  # remembered at least, at rest; readings, at most
 
-
 NONE = Heat(0.0, 0.0)
 Since = tuple[tuple[Heat, float | None], ...]
 
@@ -325,15 +324,14 @@ class HeatBelief(ArrayValue):
 
         Deviations are those of a linear problem: hotter metal that readings deny is left out.
         """
-        doubted = self.off_K > _DOUBT_K
-        now = self if self.surely == _SURELY else replace(self, surely=_SURELY)
-        if not now._hot(self.cut):
-            return now if now.cut == doubted else replace(now, cut=doubted)
-        reaches = np.linspace(0.0, _SURELY, 11)
-        points = now.most_probable + np.outer(reaches, now._hotter())
-        _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
-        now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
-        return replace(now, cut=now._hot(self.cut) or doubted)
+        now = replace(self, surely=_SURELY)
+        if hot := now._hot(self.cut):
+            reaches = np.linspace(0.0, _SURELY, 11)
+            points = now.most_probable + np.outer(reaches, now._hotter())
+            _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
+            now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
+            hot = now._hot(self.cut)
+        return replace(now, cut=hot or self.off_K > _DOUBT_K)
 
     def _hot(self, cut: bool) -> bool:
         """True if metal may come too near to its limit before the next reading."""

@@ -195,7 +195,7 @@ class SegmentWatch:
         self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
         if not sound:
             return
-        self._check_life(time_s, temperature_C, (self._before_C, self._last_C))
+        self._check_life(temperature_C, (self._before_C, self._last_C))
         stretch, pair_C = self._stretch, (self._last_C, temperature_C)
         self._before_C, self._last_C = pair_C
         if time_s - stretch.since_s >= _LAGGED_S:
@@ -228,13 +228,12 @@ class SegmentWatch:
         self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
     ) -> None:
         """Account for the heat of the time that has passed."""
-        passed_s = 0.0 if math.isnan(self._taken_s) else time_s - self._taken_s
-        first, self._taken_s = math.isnan(self._taken_s), time_s
+        first, before_s, self._taken_s = math.isnan(self._taken_s), self._taken_s, time_s
         if self.belief is None:
             return
         if first and shown_C is not None:
             self.belief = self.belief.begun(shown_C, self._start_C)
-        heat = self._heat_of(passed_s, setpoint_C, shown_C, current_A)
+        heat = self._heat_of(0.0 if first else time_s - before_s, setpoint_C, shown_C, current_A)
         self.belief = self.belief.take(heat, shown_C)
         if shown_C is not None and time_s >= self._recent_s + _APART_S:
             self._recent_C.append(shown_C)
@@ -279,12 +278,7 @@ class SegmentWatch:
             self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
         return jumped
 
-    @property
-    def _is_alive(self) -> bool:
-        """True if it flickers about as much as ever; a sensor that sticks does not."""
-        return self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
-
-    def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
+    def _check_life(self, here_C: float, pair_C: tuple[float, float]) -> None:
         """A sensor that flickers far more than any."""
         if math.isfinite(pair_C[0]):
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
@@ -304,14 +298,13 @@ class SegmentWatch:
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         risen_K, above = here_C - self._recent_C[0], here_C > (low_C + high_C) / 2
         near = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
-        melts = near and self._is_alive  # else what stands still is a sensor that sticks
+        alive = self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
+        melts = near and alive  # else what stands still is a sensor that sticks
         if belief.heated_s > 0.0 and not above and self._asked != "rigid":
             cold_C, dead = belief.start.shown_C + _WARMED_K, ""
             if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
                 dead = "warm"
-            if melts and abs(risen_K) < _SAME_K:
-                dead = "melt"
-            if dead:
+            if dead := "melt" if melts and abs(risen_K) < _SAME_K else dead:
                 self.belief = belief.begun(here_C, here_C)  # one may go on without it
                 words = f"heating does not {dead} it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
