@@ -70,12 +70,13 @@ class Heat(NamedTuple):
 class Start(NamedTuple):
     """Rest at the start: temperatures of metal and sensor, and by how much the metal's may be off.
 
-    The metal's is the last parameter of a kind.
+    The metal's is the last parameter of a kind; it is at least ``least_C``.
     """
 
     metal_C: float
     shown_C: float
     off_K: float
+    least_C: float = -math.inf
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,11 +108,12 @@ class Kinds(ArrayValue):
         """True if a reading is surely of solid metal."""
         return shown_C < thresholds_C(self.nominal)[0] - _SOLID_K
 
-    def start(self, shown_C: float, said_C: float) -> Start:
+    def start(self, shown_C: float, said_C: float, liquid: bool = False) -> Start:
         """Rest as the first reading has it where metal is solid, else as it is said to be."""
         if self.is_solid(shown_C):
             return Start(shown_C, shown_C, _REST_OFF_K)
-        return Start(said_C, shown_C, _WARM_OFF_K)
+        least_C = thresholds_C(self.nominal)[1] + _EPS if liquid else -math.inf
+        return Start(said_C, shown_C, _WARM_OFF_K, least_C)
 
     def begun(self, points: Array, start: Start) -> Segments:
         """Begin with segments of some kinds (n, p) at rest."""
@@ -119,7 +121,8 @@ class Kinds(ArrayValue):
         off_K = start.off_K * bodies.values[-1]
         at_start = tuple(map(np.atleast_1d, nominal.initial(start.metal_C)))
         melts_K = bodies.model.temperature_in(nominal, at_start) - start.metal_C
-        each = [nominal.initial(one) for one in (start.metal_C + off_K - melts_K).tolist()]
+        starts_C = np.maximum(start.metal_C + off_K - melts_K, start.least_C)
+        each = [nominal.initial(one) for one in starts_C.tolist()]
         shown_C = start.shown_C + off_K * (start.metal_C == start.shown_C)
         return Segments(bodies, tuple(np.array(each).T), shown_C, shown_C)
 

@@ -347,7 +347,7 @@ class HeatBelief(ArrayValue):
         least[-1] = _PRIOR
         covariance += np.diag(least**2)
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
-        start = self.kinds.start(shown_C, metal_C)
+        start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
         prior = Prior(mean, _inverse(covariance))
         now = replace(self, prior=prior, covariance=covariance, start=start, since=())
         return now._about(now._fitted(mean[None]))
