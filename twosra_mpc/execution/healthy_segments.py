@@ -226,12 +226,11 @@ class Segments(ArrayValue):
             share = share * sensor.keeps
         if heat.held_C is not None:
             share = self._holding(heat.held_C)
-        current_A: Array = self.bodies.kinds.full_A * np.sqrt(share)
-        return current_A
+        return self.bodies.kinds.full_A * np.sqrt(share)
 
     def _after(self, here_C: Array, current_A: Array | float, for_s: float) -> tuple[Array, ...]:
-        bodies = self.bodies
-        rates = bodies.model.rates_in(bodies.kinds.nominal, self.state, here_C, current_A)
+        nominal = self.bodies.kinds.nominal
+        rates = self.bodies.model.rates_in(nominal, self.state, here_C, current_A)
         return tuple(value + for_s * rate for value, rate in zip(self.state, rates, strict=True))
 
     def _holding(self, shown_C: float) -> Array:
@@ -246,8 +245,7 @@ class Segments(ArrayValue):
         to_C = air_C + (shown_C - air_C) / self.bodies.sensor.gain
         wanted_C = here_C + (to_C - here_C) / _HELD_S
         range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
-        share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
-        return share
+        return np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
 
 
 def healthy_kinds(robot: Robot, air_C: float, segment: int) -> Kinds:
