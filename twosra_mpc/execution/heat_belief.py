@@ -26,7 +26,7 @@ from twosra_mpc.validation import ArrayValue
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 20.0  # of the readings and the prior; of 100 healthy robots 16 at most
 _GAIN = 0.1  # less is not worth a step
-_DOUBT_K, _DOUBT_COST = 0.8, 15.0  # from which on the heater waits
+_DOUBT_K = 0.8  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
@@ -331,7 +331,7 @@ class HeatBelief(ArrayValue):
             _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
-        return replace(now, cut=hot or self.off_K > _DOUBT_K or self.cost > _DOUBT_COST)
+        return replace(now, cut=hot or self.off_K > _DOUBT_K or now.misfit >= 1.0)
 
     def _hot(self, cut: bool) -> bool:
         """True if metal may come too near to its limit before the next reading."""
