@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -64,6 +65,25 @@ def test_what_a_robot_has_shown_is_known_from_melt_to_melt() -> None:
     assert ohm[at] == pytest.approx(metal.ohm, rel=0.1)
     variance = np.linalg.inv(cold.prior.precision)[at, at]
     assert variance < 0.3 * np.linalg.inv(begun().prior.precision)[at, at]
+
+
+def test_a_belief_that_was_saved_goes_on_as_the_one_that_was_not() -> None:
+    belief = heated(begun(), Metal(ROBOT, AIR_C, np.random.default_rng(2), False), 4.0, 50.0)
+    saved = pickle.loads(pickle.dumps(belief))
+    assert saved == belief
+    assert saved.take(FULL, 51.0) == belief.take(FULL, 51.0)
+    assert saved.take(FULL, 51.0) != belief.take(FULL, 51.1)
+
+
+def test_readings_that_come_more_often_tell_the_same() -> None:
+    rarely = often = begun()
+    for k in range(1, 300):
+        shown_C, heat = AIR_C + 0.1 * max(0, k - 20), 1.0 if k < 200 else 0.0
+        often = often.take(Heat(0.1, heat), shown_C)
+        if k % 10 == 0:
+            rarely = rarely.take(Heat(1.0, heat if k > 200 or k < 200 else 1.0), shown_C)
+    assert len(often.since) <= len(rarely.since)
+    assert often.metal_C == pytest.approx(rarely.metal_C, abs=1.0)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +17,14 @@ import numpy as np
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
+from twosra_mpc.validation import ArrayValue
 
 _MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 0.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
 _LAGS, _SHARES = (0.18, 1.3), (0.5, 1.0)  # of the longest, and of reports; of it in the first
 _REST_OFF_K, _WARM_OFF_K = 1.0, 3.0  # of metal at rest; of metal that is said to be warm
 _SOLID_K = 5.0  # below the melting point a reading is of solid metal
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
-_STEP_S = 0.5  # the fastest metal warms by 1 K in it
+_STEP_S, _COOLS_S = 0.5, 1.5  # the fastest metal warms by 1 K in the one, and cools in the other
 _EPS = 1e-6
 
 
@@ -34,24 +36,24 @@ class Heat(NamedTuple):
         share: Share of full power.
         unknown: By how much more or less that may be.
         warm: True if this was metal to be kept warm, not molten: not every firmware does.
-        held_C: Reading about which a switch holds metal, with a share nobody knows; or NaN.
+        held_C: Reading about which a switch holds metal, with a share nobody knows.
     """
 
     passed_s: float
     share: float
     unknown: float = 0.0
     warm: bool = False
-    held_C: float = math.nan
+    held_C: float | None = None
 
     @property
     def off(self) -> bool:
         """True if there was none."""
-        return not self.share and not self.unknown and math.isnan(self.held_C)
+        return not self.share and not self.unknown and self.held_C is None
 
     @property
     def unknown_s(self) -> float:
         """Time at full power that nobody knows of."""
-        return self.passed_s * (self.unknown if math.isnan(self.held_C) else 1.0)
+        return self.passed_s * (self.unknown if self.held_C is None else 1.0)
 
     def then(self, later: Heat) -> Heat:
         """Heat of both times."""
@@ -59,27 +61,26 @@ class Heat(NamedTuple):
         if self.passed_s == 0.0 or later.passed_s == 0.0:
             return later if self.passed_s == 0.0 else self
         part = later.passed_s / passed_s
-        share, unknown = (
-            before + part * (after - before)
-            for before, after in ((self.share, later.share), (self.unknown, later.unknown))
-        )
-        held_C = math.nan if math.isnan(self.held_C) else later.held_C
+        share = self.share + part * (later.share - self.share)
+        unknown = self.unknown + part * (later.unknown - self.unknown)
+        held_C = None if self.held_C is None else later.held_C
         return Heat(passed_s, share, unknown, later.warm, held_C)
 
 
 class Start(NamedTuple):
     """Rest at the start: temperatures of metal and sensor, and by how much the metal's may be off.
 
-    The metal's is the last parameter of a kind.
+    The metal's is the last parameter of a kind; it is at least ``least_C``.
     """
 
     metal_C: float
     shown_C: float
     off_K: float
+    least_C: float = -math.inf
 
 
-@dataclass(frozen=True, eq=False)
-class Kinds:
+@dataclass(frozen=True, eq=False, repr=False)
+class Kinds(ArrayValue):
     """Kinds of healthy segments.
 
     Attributes:
@@ -107,25 +108,23 @@ class Kinds:
         """True if a reading is surely of solid metal."""
         return shown_C < thresholds_C(self.nominal)[0] - _SOLID_K
 
-    def start(self, shown_C: float, said_C: float) -> Start:
+    def start(self, shown_C: float, said_C: float, liquid: bool = False) -> Start:
         """Rest as the first reading has it where metal is solid, else as it is said to be."""
         if self.is_solid(shown_C):
             return Start(shown_C, shown_C, _REST_OFF_K)
-        return Start(said_C, shown_C, _WARM_OFF_K)
+        least_C = thresholds_C(self.nominal)[1] + _EPS if liquid else -math.inf
+        return Start(said_C, shown_C, _WARM_OFF_K, least_C)
 
     def begun(self, points: Array, start: Start) -> Segments:
         """Begin with segments of some kinds (n, p) at rest."""
-        values, count = (self.middle + self.half * points).T, len(self.names)
-        model = replace(self.nominal, **dict(zip(self.names, values, strict=False)))
-        gain, lag_s, share, keeps, bias, off = values[count:]
-        lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
-        nominal, off_K = self.nominal, start.off_K * off
+        bodies, nominal = Bodies(self, (self.middle + self.half * points).T), self.nominal
+        off_K = start.off_K * bodies.values[-1]
         at_start = tuple(map(np.atleast_1d, nominal.initial(start.metal_C)))
-        melts_K = model.temperature_in(nominal, at_start) - start.metal_C
-        each = [nominal.initial(one) for one in (start.metal_C + off_K - melts_K).tolist()]
+        melts_K = bodies.model.temperature_in(nominal, at_start) - start.metal_C
+        starts_C = np.maximum(start.metal_C + off_K - melts_K, start.least_C)
+        each = [nominal.initial(one) for one in starts_C.tolist()]
         shown_C = start.shown_C + off_K * (start.metal_C == start.shown_C)
-        sensor = Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)
-        return Segments(self, model, sensor, tuple(np.array(each).T), np.array([shown_C, shown_C]))
+        return Segments(bodies, tuple(np.array(each).T), shown_C, shown_C)
 
 
 class Sensor(NamedTuple):
@@ -137,90 +136,116 @@ class Sensor(NamedTuple):
     bias: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Segments:
-    """Segments, their metal and what their sensors show.
+@dataclass(frozen=True, eq=False, repr=False)
+class Bodies(ArrayValue):
+    """Segments of some kinds, all as one.
 
     Attributes:
         kinds: What they are of.
-        model: All as one.
-        sensor: Their sensors.
-        state: Of their metal, as the nominal model's, each (n,).
-        lag_C: Of their sensors, (2, n); the last is what they show.
+        values: Their parameters, (p, n).
     """
 
     kinds: Kinds
-    model: SegmentModel
-    sensor: Sensor
-    state: tuple[Array, ...]
-    lag_C: Array
+    values: Array
 
-    @property
-    def shown_C(self) -> Array:
-        """Readings, (n,)."""
-        shown_C: Array = self.lag_C[1]
-        return shown_C
+    @cached_property
+    def model(self) -> SegmentModel:
+        """Model whose parameters are arrays."""
+        own = dict(zip(self.kinds.names, self.values, strict=False))
+        return replace(self.kinds.nominal, **own)
+
+    @cached_property
+    def sensor(self) -> Sensor:
+        """Their sensors."""
+        gain, lag_s, share, keeps, bias, _ = self.values[len(self.kinds.names) :]
+        lags_s = np.maximum([lag_s * share, lag_s * (1 - share)], _EPS)
+        return Sensor(gain, lags_s, np.clip(keeps, 0.0, 1.0), bias)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Segments(ArrayValue):
+    """Segments, their metal and what their sensors show.
+
+    Attributes:
+        bodies: What they are.
+        state: Of their metal, as the nominal model's, each (n,).
+        between_C: Temperatures between the two lags of their sensors, (n,).
+        shown_C: Readings, (n,).
+    """
+
+    bodies: Bodies
+    state: tuple[Array, ...]
+    between_C: Array
+    shown_C: Array
 
     @property
     def level(self) -> Array:
         """Levels of the metal, as the nominal model's, (n,)."""
-        return self.kinds.nominal.level(self.state)
+        return self.bodies.kinds.nominal.level(self.state)
+
+    def some(self, which: slice) -> Segments:
+        """Some of them."""
+        bodies = Bodies(self.bodies.kinds, self.bodies.values[:, which])
+        state = tuple(value[which] for value in self.state)
+        return Segments(bodies, state, self.between_C[which], self.shown_C[which])
 
     def warmed(self, heat: Heat) -> Segments:
         """Let time pass."""
-        if not heat.passed_s:
-            return self
-        state, lag_C, sensor = self.state, self.lag_C, self.sensor
-        share = np.clip(heat.share + heat.unknown * sensor.bias, 0.0, 1.0)
-        if heat.warm:
-            share = share * sensor.keeps
-        if not math.isnan(heat.held_C):
-            share = self._holding(heat.held_C)
-        steps = max(1, math.ceil(heat.passed_s / _STEP_S - 1e-9))
-        step_s, current_A = heat.passed_s / steps, self.kinds.full_A * np.sqrt(share)
-        kept = np.exp(-step_s / sensor.lags_s)
-        touched_C = self._touched_C(state)
+        nominal, model = self.bodies.kinds.nominal, self.bodies.model
+        sensor, state = self.bodies.sensor, self.state
+        steps = max(1, math.ceil(heat.passed_s / (_COOLS_S if heat.off else _STEP_S) - 1e-9))
+        step_s, current_A = heat.passed_s / steps, self._current_A(heat)
+        between_C, shown_C, half = self.between_C, self.shown_C, sensor.gain / 2
+        untouched_C, caught_up = (
+            model.ambient_C * (1 - sensor.gain),
+            -np.expm1(-step_s / sensor.lags_s),
+        )
+        here_C = model.temperature_in(nominal, state)
         for _ in range(steps):
-            state = self._after(state, current_A, step_s)
-            before_C, touched_C = touched_C, self._touched_C(state)
-            middle_C = (before_C + touched_C) / 2
-            first_C = middle_C + (lag_C[0] - middle_C) * kept[0]
-            middle_C = (lag_C[0] + first_C) / 2
-            lag_C = np.array([first_C, middle_C + (lag_C[1] - middle_C) * kept[1]])
-        return replace(self, state=state, lag_C=lag_C)
+            rates = model.rates_in(nominal, state, here_C, current_A)
+            state = tuple(value + step_s * rate for value, rate in zip(state, rates, strict=True))
+            before_C, here_C = here_C, model.temperature_in(nominal, state)
+            touched_C = untouched_C + half * (before_C + here_C)
+            last_C, between_C = between_C, between_C + (touched_C - between_C) * caught_up[0]
+            shown_C = shown_C + ((last_C + between_C) / 2 - shown_C) * caught_up[1]
+        return Segments(self.bodies, state, between_C, shown_C)
 
     def warms_by(self, for_s: float) -> Array:
         """Rise of the level at full current, (n,)."""
-        nominal = self.kinds.nominal
-        ahead = self._after(self.state, self.kinds.full_A, for_s)
+        kinds, nominal = self.bodies.kinds, self.bodies.kinds.nominal
+        here_C = self.bodies.model.temperature_in(nominal, self.state)
+        ahead = self._after(here_C, kinds.full_A, for_s)
         return nominal.level(ahead) - nominal.level(self.state)
 
-    def _touched_C(self, state: tuple[Array, ...]) -> Array:
-        """Temperatures that the sensors lag behind."""
-        air_C = self.model.ambient_C
-        return air_C + self.sensor.gain * (
-            self.model.temperature_in(self.kinds.nominal, state) - air_C
-        )
+    def _current_A(self, heat: Heat) -> Array | float:
+        if heat.off:
+            return 0.0
+        sensor = self.bodies.sensor
+        share = np.clip(heat.share + heat.unknown * sensor.bias, 0.0, 1.0)
+        if heat.warm:
+            share = share * sensor.keeps
+        if heat.held_C is not None:
+            share = self._holding(heat.held_C)
+        return self.bodies.kinds.full_A * np.sqrt(share)
 
-    def _after(
-        self, state: tuple[Array, ...], current_A: Array | float, for_s: float
-    ) -> tuple[Array, ...]:
-        rates = self.model.rates_in(self.kinds.nominal, state, current_A)
-        return tuple(value + for_s * rate for value, rate in zip(state, rates, strict=True))
+    def _after(self, here_C: Array, current_A: Array | float, for_s: float) -> tuple[Array, ...]:
+        nominal = self.bodies.kinds.nominal
+        rates = self.bodies.model.rates_in(nominal, self.state, here_C, current_A)
+        return tuple(value + for_s * rate for value, rate in zip(self.state, rates, strict=True))
 
     def _holding(self, shown_C: float) -> Array:
         """Shares with which metal goes to where a reading shows it."""
-        model, nominal, air_C = self.model, self.kinds.nominal, self.model.ambient_C
+        kinds, model = self.bodies.kinds, self.bodies.model
+        nominal, air_C = kinds.nominal, model.ambient_C
         here_C = model.temperature_in(nominal, self.state)
         cools_C, warms_C = (
-            model.temperature_in(nominal, self._after(self.state, current_A, 1.0))
-            for current_A in (0.0, self.kinds.full_A)
+            model.temperature_in(nominal, self._after(here_C, current_A, 1.0))
+            for current_A in (0.0, kinds.full_A)
         )
-        to_C = air_C + (shown_C - air_C) / self.sensor.gain
+        to_C = air_C + (shown_C - air_C) / self.bodies.sensor.gain
         wanted_C = here_C + (to_C - here_C) / _HELD_S
         range_K = np.maximum(warms_C - cools_C, _EPS)  # none of metal that melts
-        share: Array = np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
-        return share
+        return np.clip((wanted_C - cools_C) / range_K, 0.0, 1.0)
 
 
 def healthy_kinds(robot: Robot, air_C: float, segment: int) -> Kinds:
@@ -234,16 +259,7 @@ def healthy_kinds(robot: Robot, air_C: float, segment: int) -> Kinds:
         within["melting_point_C"] = least_C - _MELTS_OFF_K, most_C + _MELTS_OFF_K
     within["ambient_C"] = air_C - _AIR_OFF_K, air_C + _AIR_OFF_K
     low, high = described.ranges.get("sensor_gain", (gain, gain))
-    ends = np.array(
-        [
-            *within.values(),
-            (low - _GAIN_OFF, high + _GAIN_OFF),
-            (_LAGS[0] * longest_s, _LAGS[1] * longest_s),
-            _SHARES,
-            (0.0, 1.0),
-            (-1.0, 1.0),
-            (-1.0, 1.0),
-        ]
-    )
+    sensor = (low - _GAIN_OFF, high + _GAIN_OFF), (_LAGS[0] * longest_s, _LAGS[1] * longest_s)
+    ends = np.array([*within.values(), *sensor, _SHARES, (0.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)])
     middle, half = ends.mean(axis=1), np.diff(ends, axis=1)[:, 0] / 2
     return Kinds(nominal, robot.heater.melt_current_A, tuple(within), middle, half)

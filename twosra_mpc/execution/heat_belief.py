@@ -21,10 +21,12 @@ import numpy as np
 from twosra_mpc.execution.healthy_segments import Heat, Kinds, Segments, Start, healthy_kinds
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import Array
+from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 26.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
-_DOUBT_K = 1.15  # from which on the heater waits
+_UNLIKE_COST = 20.0  # of the readings and the prior; of 100 healthy robots 16 at most
+_GAIN = 0.1  # less is not worth a step
+_DOUBT_K = 0.8  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
@@ -36,8 +38,12 @@ _STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's h
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _QUIET_S = 60.0  # after which metal is at rest
-_UNKNOWN_S = 8.0  # of full heat, after which liquid metal is as warm as the reading has it
-_RESTS, _MOST = 30, 1800  # readings that are remembered at least, at rest; and at most
+_UNKNOWN_S = 2.0  # of full heat, after which liquid metal is as warm as the reading has it
+_EVERY_S, _OFF_EVERY_S = 0.9, 2.9  # between readings that say something new
+_RESTS_S, _MOST = 30.0, 1800  # remembered at least, at rest; readings, at most
+
+NONE = Heat(0.0, 0.0)
+Since = tuple[tuple[Heat, float | None], ...]
 
 
 class Prior(NamedTuple):
@@ -47,8 +53,8 @@ class Prior(NamedTuple):
     precision: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(ArrayValue):
     """Costs of some kinds, and their derivatives: twice the negative logarithm of a probability.
 
     Attributes:
@@ -76,46 +82,74 @@ class Fit:
 
     def take(self, heat: Heat, shown_C: float | None) -> Fit:
         """Warm all, and compare them with a reading, if there is one."""
-        now = replace(self, segments=self.segments.warmed(heat))
+        segments = self.segments.warmed(heat)
         if shown_C is None:
-            return now
-        here_C, slope = now.slopes(now.segments.shown_C)
+            return replace(self, segments=segments)
+        here_C, slope = self.slopes(segments.shown_C)
         weight, off_K = heat.passed_s / _NOISE_K**2, shown_C - here_C
-        return replace(
-            now,
-            cost=self.cost + weight * off_K**2,
-            gradient=self.gradient + weight * off_K[:, None] * slope,
-            hessian=self.hessian + weight * slope[:, :, None] * slope[:, None, :],
-        )
+        cost = self.cost + weight * off_K**2
+        gradient = self.gradient + (weight * off_K)[:, None] * slope
+        hessian = self.hessian + weight * slope[:, :, None] * slope[:, None, :]
+        return Fit(self.about, self.across, segments, cost, gradient, hessian)
 
-    def solved(self, prior: Prior) -> tuple[Array, Array]:
-        """Gauss-Newton steps within the ranges (s, p), and the costs here with the prior's (s,)."""
-        steps = np.empty_like(self.about)
-        for step, about, gradient, hessian in zip(
-            steps, self.about, self.gradient, self.hessian, strict=True
-        ):
-            right = gradient + prior.precision @ (prior.mean - about)
-            step[:] = _within(hessian + prior.precision, right, -_ENDS - about, _ENDS - about)
-        off = self.about - prior.mean
-        return steps, self.cost + np.einsum("si,ij,sj->s", off, prior.precision, off)
+    def solved(self, prior: Prior) -> tuple[Array, Array, Array, Array]:
+        """Gauss-Newton steps within the ranges.
+
+        Returns:
+            Covariance (s, p, p), steps (s, p), costs before them with the prior's (s,), and by how
+            much they should become less (s,).
+        """
+        precision, off = self.hessian + prior.precision, self.about - prior.mean
+        covariance, away = _inverse(precision), off @ prior.precision
+        right, steps = self.gradient - away, np.empty_like(self.about)
+        for k, about in enumerate(self.about):
+            steps[k] = _within(covariance[k], right[k], -_ENDS - about, _ENDS - about)
+        bent = (precision @ steps[:, :, None])[:, :, 0]
+        gain = ((2 * right - bent) * steps).sum(axis=1)
+        return covariance, steps, self.cost + (away * off).sum(axis=1), gain
+
+    def only(self, k: int) -> Fit:
+        """One of the kinds."""
+        one, size = slice(k, k + 1), 1 + self.about.shape[1]
+        segments = self.segments.some(slice(k * size, (k + 1) * size))
+        own = (each[one] for each in (self.cost, self.gradient, self.hessian))
+        return Fit(self.about[one], self.across, segments, *own)
 
 
-def _within(matrix: Array, right: Array, low: Array, high: Array) -> Array:
+def _fit(kinds: Kinds, start: Start, covariance: Array, points: Array, since: Since = ()) -> Fit:
+    """Costs of kinds, (s, p), with heat and readings since the start, and a covariance there."""
+    spread, axes = np.linalg.eigh(covariance)
+    apart = _DEVIATION * (axes * np.sqrt(spread)).T
+    apart *= np.where(np.abs(points[0] + apart).max(axis=1) > _ENDS, -1.0, 1.0)[:, None]
+    every = points[:, None] + np.vstack([np.zeros(kinds.size), apart])
+    segments = kinds.begun(every.reshape(-1, kinds.size), start)
+    none = np.zeros((len(points), kinds.size, kinds.size))
+    fit = Fit(points, _inverse(apart), segments, none[:, 0, 0], none[:, 0], none)
+    for heat, shown_C in since:
+        fit = fit.take(heat, shown_C)
+    return fit
+
+
+def _inverse(matrix: Array) -> Array:
+    return np.linalg.inv(matrix).astype(float)
+
+
+def _within(covariance: Array, right: Array, low: Array, high: Array) -> Array:
     """Solve a linear system; what leaves its bounds stays on them."""
-    step, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
-    while free.any():
-        rest = right[free] - matrix[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
-        out = free & ((step < low) | (step > high))
+    free = covariance @ right
+    step, held = free, np.zeros(len(right), dtype=bool)
+    while True:
+        bounded: Array = np.clip(step, low, high)
+        out = (step != bounded) & ~held
         if not out.any():
-            break
-        step, free = np.clip(step, low, high), free & ~out
-    bounded: Array = np.clip(step, low, high)
-    return bounded
+            return bounded
+        held |= out
+        off = np.linalg.solve(covariance[held][:, held], bounded[held] - free[held])
+        step = np.where(held, bounded, free + covariance[:, held] @ off)
 
 
-@dataclass(frozen=True, eq=False)
-class HeatBelief:
+@dataclass(frozen=True, eq=False, repr=False)
+class HeatBelief(ArrayValue):
     """Estimate of a segment; a value, which ``take`` replaces.
 
     Attributes:
@@ -125,10 +159,13 @@ class HeatBelief:
         start: Rest at the start.
         fit: Of one kind, which is near the most probable.
         step: Gauss-Newton step from there, (p,).
+        covariance: Of the parameters, (p, p).
+        cost: Of the readings and the prior, after the step.
         since: Heat and readings since the start.
+        heat: Heat since the last of them.
+        shown_C: Last reading; None if there was none.
         square_K2: Mean square distance of the last readings.
         quiet_s: Time for which the heater has been off.
-        unknown_s: Time at full power since the start that nobody knows of.
         wait: Readings until all may be made anew.
         surely: Deviations up to which metal may be hotter.
         cut: True if the heater must be off, whatever a reading says.
@@ -140,10 +177,13 @@ class HeatBelief:
     start: Start
     fit: Fit
     step: Array
-    since: tuple[tuple[Heat, float | None], ...] = ()
+    covariance: Array
+    cost: float = 0.0
+    since: Since = ()
+    heat: Heat = NONE
+    shown_C: float | None = None
     square_K2: float = 0.0
     quiet_s: float = 0.0
-    unknown_s: float = 0.0
     wait: int = 0
     surely: float = _SURELY
     cut: bool = False
@@ -161,10 +201,8 @@ class HeatBelief:
 
     @property
     def misfit(self) -> float:
-        """Misfit of readings, or of what was known before; from 1 on no healthy segment has it."""
-        away = self.most_probable - self.prior.mean
-        known = float(away @ self.prior.precision @ away) / _UNLIKE_COST
-        return max(self.square_K2 / _UNLIKE_K**2, known)
+        """Misfit of the last readings, or of all; from 1 on no healthy segment has it."""
+        return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST)
 
     @property
     def heated_s(self) -> float:
@@ -202,98 +240,83 @@ class HeatBelief:
     def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
         start = self.kinds.start(shown_C, said_C)
-        now = replace(self, start=start, since=(), square_K2=0.0, unknown_s=0.0, cut=False)
-        return now._anew(self.prior.mean)
+        now = replace(self, start=start, since=(), heat=NONE, square_K2=0.0, cut=False)
+        return now._about(now._fitted(self.prior.mean[None]))
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
-        """Warm the segment, and compare it with a reading, if there is one."""
-        since, fit = (*self.since, (heat, shown_C)), self.fit.take(heat, shown_C)
+        """Let heat in, and look at a reading, if there is one; most say nothing new."""
+        now, before = self, self.heat
+        if heat.off != before.off and before.passed_s >= _EVERY_S:
+            now, before = self._compared(before, self.shown_C), NONE
+        both = before.then(heat)
+        if both.passed_s >= (_OFF_EVERY_S if both.off else _EVERY_S):
+            return now._compared(both, shown_C)
+        return replace(now, heat=both, shown_C=shown_C)
+
+    def _compared(self, heat: Heat, shown_C: float | None) -> HeatBelief:
+        """Compare a reading with healthy ones."""
         quiet_s = self.quiet_s + heat.passed_s if heat.off else 0.0
-        unknown_s = self.unknown_s + heat.unknown_s
-        now = replace(
-            self, since=since, fit=fit, quiet_s=quiet_s, unknown_s=unknown_s, wait=self.wait - 1
-        )
+        since, wait = (*self.since, (heat, shown_C)), self.wait - 1
+        now = replace(self, heat=NONE, since=since, quiet_s=quiet_s, wait=wait)
+        fit = self.fit.take(heat, shown_C)
         if shown_C is None:
-            return now
-        now = now._solved(shown_C)
+            return replace(now, fit=fit)
+        now = now._about(fit)
+        square_K2 = (shown_C - now._estimate(fit.segments.shown_C)[0]) ** 2
+        part = 1 - (1 - 1 / _LAST) ** heat.passed_s
+        now = replace(now, square_K2=self.square_K2 + part * (square_K2 - self.square_K2))
         far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
-        if far and (now.wait <= 0 or now.off_K > _DOUBT_K):
-            now = now._searched()
+        if (far and now.wait <= 0) or now.off_K > _DOUBT_K or now.cost > _UNLIKE_COST:
+            now = now._searched(shown_C)
         now = now._judged()
-        if now.off_K < _FAR_K and now._rests(shown_C):
-            return now._begun_anew(shown_C)
-        return now
+        return now._begun_anew(shown_C) if now.off_K < _FAR_K and now._rests(shown_C) else now
 
     def _rests(self, shown_C: float) -> bool:
         """True if a reading tells the metal's heat, or the heater's does not any more."""
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
-            return len(self.since) >= _RESTS
-        unknown = self.unknown_s >= _UNKNOWN_S and self.surely_liquid
-        return unknown or len(self.since) >= _MOST
+            return sum(heat.passed_s for heat, _ in self.since) >= _RESTS_S
+        unknown_s = sum(heat.unknown_s for heat, _ in self.since)
+        return (unknown_s >= _UNKNOWN_S and self.surely_liquid) or len(self.since) >= _MOST
 
-    @property
-    def _precision(self) -> Array:
-        precision: Array = self.fit.hessian[0] + self.prior.precision
-        return precision
+    def _about(self, fit: Fit) -> HeatBelief:
+        """Make a step from one kind."""
+        (covariance,), (step,), (cost,), (gain,) = fit.solved(self.prior)
+        return replace(self, fit=fit, step=step, covariance=covariance, cost=float(cost - gain))
 
     def _estimate(self, values: Array) -> tuple[float, float]:
         """Most probable value of what the segments have, and its standard deviation."""
         (middle,), (slope,) = self.fit.slopes(values)
-        deviation = math.sqrt(float(slope @ np.linalg.solve(self._precision, slope)))
-        return float(middle + slope @ self.step), deviation
+        return float(middle + slope @ self.step), math.sqrt(float(slope @ self.covariance @ slope))
 
     def _at_C(self, level: float) -> float:
         state = tuple(float(value[0]) for value in self.fit.segments.state)
         return self.kinds.nominal.temperature_C(self.kinds.nominal.at_level(state, level))
 
-    def _solved(self, shown_C: float) -> HeatBelief:
-        """Make a Gauss-Newton step, and count how far off a reading is after it."""
-        (step,), _ = self.fit.solved(self.prior)
-        now = replace(self, step=step)
-        off_K = shown_C - now._estimate(now.fit.segments.shown_C)[0]
-        return replace(now, square_K2=self.square_K2 + (off_K**2 - self.square_K2) / _LAST)
-
     def _fitted(self, points: Array) -> Fit:
-        """Costs of kinds, (s, p), with all heat and readings since the start."""
-        size = self.kinds.size
-        spread, axes = np.linalg.eigh(np.linalg.inv(self._precision))
-        apart = _DEVIATION * (axes * np.sqrt(spread)).T
-        apart *= np.where(np.abs(points[0] + apart).max(axis=1) > _ENDS, -1.0, 1.0)[:, None]
-        every = points[:, None] + np.vstack([np.zeros(size), apart])
-        segments = self.kinds.begun(every.reshape(-1, size), self.start)
-        none = np.zeros((len(points), size, size))
-        fit = Fit(points, np.linalg.inv(apart), segments, none[:, 0, 0], none[:, 0], none)
-        for heat, shown_C in self.since:
-            fit = fit.take(heat, shown_C)
-        return fit
-
-    def _anew(self, point: Array) -> HeatBelief:
-        """Make all about another kind."""
-        return replace(self, fit=self._fitted(point[None]), step=np.zeros(self.kinds.size))
+        return _fit(self.kinds, self.start, self.covariance, points, self.since)
 
     def _hotter(self) -> Array:
         """Most probable direction in which metal is hotter, by one deviation, (p,)."""
         _, (slope,) = self.fit.slopes(self.fit.segments.level)
-        toward: Array = np.linalg.solve(self._precision, slope)
+        toward: Array = self.covariance @ slope
         return toward / math.sqrt(float(slope @ toward))
 
-    def _searched(self) -> HeatBelief:
+    def _searched(self, shown_C: float) -> HeatBelief:
         """Search the most probable kind by Gauss-Newton steps; in doubt, from several starts."""
         starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
         points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
-        found: list[tuple[float, Array]] = []
+        best, least = self.fit, math.inf
         for _ in range(_ROUNDS):
             fit = self._fitted(points)
-            steps, costs = fit.solved(self.prior)
-            best = int(costs.argmin())
-            found.append((float(costs[best]), points[best]))
+            _, steps, cost, gain = fit.solved(self.prior)
+            k = int(cost.argmin())
+            if cost[k] < least:
+                best, least = fit.only(k), float(cost[k])
+            if gain.max() < _GAIN:
+                break
             points = points + steps
-        _, point = min(found, key=lambda one: one[0])
-        now = self._anew(point)
-        (step,), _ = now.fit.solved(now.prior)
-        now = replace(now, step=step, wait=max(_OFTEN, len(self.since) // 20))
-        last_C = [shown_C for _, shown_C in self.since if shown_C is not None][-1]
-        off_K = last_C - now._estimate(now.fit.segments.shown_C)[0]
+        now = replace(self._about(best), wait=max(_OFTEN, len(self.since) // 20))
+        off_K = shown_C - now._estimate(best.segments.shown_C)[0]
         return replace(now, square_K2=min(now.square_K2, off_K**2))
 
     def _judged(self) -> HeatBelief:
@@ -301,16 +324,14 @@ class HeatBelief:
 
         Deviations are those of a linear problem: hotter metal that readings deny is left out.
         """
-        doubted = self.off_K > _DOUBT_K
         now = replace(self, surely=_SURELY)
-        if not now._hot(self.cut):
-            return replace(now, cut=doubted)
-        reaches = np.linspace(0.0, _SURELY, 11)
-        points = now.most_probable + np.outer(reaches, now._hotter())
-        _, costs = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
-        likely = reaches[costs <= costs[0] + _SURELY**2]
-        now = replace(now, surely=float(likely.max()))
-        return replace(now, cut=now._hot(self.cut) or doubted)
+        if hot := now._hot(self.cut):
+            reaches = np.linspace(0.0, _SURELY, 11)
+            points = now.most_probable + np.outer(reaches, now._hotter())
+            _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
+            now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
+            hot = now._hot(self.cut)
+        return replace(now, cut=hot or self.off_K > _DOUBT_K or now.misfit >= 1.0)
 
     def _hot(self, cut: bool) -> bool:
         """True if metal may come too near to its limit before the next reading."""
@@ -319,26 +340,25 @@ class HeatBelief:
 
     def _begun_anew(self, shown_C: float) -> HeatBelief:
         """Begin anew with what is known by now: it is less certain by the time since."""
-        covariance, mean = np.linalg.inv(self._precision), self.most_probable
+        covariance, mean = self.covariance.copy(), self.most_probable
         mean[-1] = covariance[-1] = covariance[:, -1] = 0.0
         passed_s = sum(heat.passed_s for heat, _ in self.since)
         least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
         least[-1] = _PRIOR
-        prior = Prior(mean, np.linalg.inv(covariance + np.diag(least**2)))
+        covariance += np.diag(least**2)
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
-        now = replace(self, prior=prior, since=(), unknown_s=0.0)
-        return replace(now, start=self.kinds.start(shown_C, metal_C))._anew(mean)
+        start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
+        prior = Prior(mean, _inverse(covariance))
+        now = replace(self, prior=prior, covariance=covariance, start=start, since=())
+        return now._about(now._fitted(mean[None]))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
     kinds = healthy_kinds(robot, air_C, segment)
-    prior = Prior(np.zeros(kinds.size), np.eye(kinds.size) / _PRIOR**2)
-    start, size = kinds.start(start_C, start_C), kinds.size
-    none = np.zeros((1, size))
-    nothing = Fit(
-        none, np.eye(size), kinds.begun(none, start), none[:, 0], none, np.zeros((1, size, size))
-    )
+    none, start = np.zeros(kinds.size), kinds.start(start_C, start_C)
+    prior = Prior(none, np.eye(kinds.size) / _PRIOR**2)
+    covariance = _inverse(prior.precision)
+    fit = _fit(kinds, start, covariance, none[None])
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
-    belief = HeatBelief(kinds, cut_C, prior, start, nothing, np.zeros(size))
-    return belief.begun(start_C, start_C)
+    return HeatBelief(kinds, cut_C, prior, start, fit, none, covariance)

@@ -49,10 +49,9 @@ _COLD_K = 8.0  # below the air, and what was read first
 _USUAL, _AS_EVER = 200, 1.8  # readings, and how much more or less they may flicker than ever
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
-_RECENT = 20  # readings, a second apart, that tell whether it warms or cools
+_RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
 _STANDS = 4  # of them that are the same
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
-_EVERY_S = 0.9  # healthy segments are compared with readings, at most so often
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
@@ -142,7 +141,7 @@ class SegmentWatch:
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
         self._usual_K, self._readings = 0.0, 0
-        self._was, self._heat = 0.0, Heat(0.0, 0.0)
+        self._was, self._recent_s = 0.0, -math.inf
         self._recent_C: deque[float] = deque(maxlen=_RECENT)
 
     @property
@@ -196,7 +195,7 @@ class SegmentWatch:
         self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
         if not sound:
             return
-        self._check_life(time_s, temperature_C, (self._before_C, self._last_C))
+        self._check_life(temperature_C, (self._before_C, self._last_C))
         stretch, pair_C = self._stretch, (self._last_C, temperature_C)
         self._before_C, self._last_C = pair_C
         if time_s - stretch.since_s >= _LAGGED_S:
@@ -229,16 +228,16 @@ class SegmentWatch:
         self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
     ) -> None:
         """Account for the heat of the time that has passed."""
-        passed_s = 0.0 if math.isnan(self._taken_s) else time_s - self._taken_s
-        first, self._taken_s = math.isnan(self._taken_s), time_s
+        first, before_s, self._taken_s = math.isnan(self._taken_s), self._taken_s, time_s
         if self.belief is None:
             return
         if first and shown_C is not None:
             self.belief = self.belief.begun(shown_C, self._start_C)
-        self._heat = self._heat.then(self._heat_of(passed_s, setpoint_C, shown_C, current_A))
-        if first or self._heat.passed_s >= _EVERY_S:
-            self.belief, self._heat = self.belief.take(self._heat, shown_C), Heat(0.0, 0.0)
-            self._recent_C.extend([] if shown_C is None else [shown_C])
+        heat = self._heat_of(0.0 if first else time_s - before_s, setpoint_C, shown_C, current_A)
+        self.belief = self.belief.take(heat, shown_C)
+        if shown_C is not None and time_s >= self._recent_s + _APART_S:
+            self._recent_C.append(shown_C)
+            self._recent_s = time_s
         called = self._asked == "soft" and self.belief.may_be_liquid
         called_s = self._lasts_s("called", called, time_s)
         sure = self._molten or self.belief.surely_liquid
@@ -256,12 +255,10 @@ class SegmentWatch:
             return Heat(passed_s, (was + self._was) / 2, abs(self._was - was) * _EDGE)
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
-            return Heat(passed_s, 0.0, held_C=now_C if held else math.nan)
+            return Heat(passed_s, 0.0, held_C=now_C if held else None)
         if soft and heater.hold_duty == 1.0 and now_C > sent_C - _BAND_K:
             share = min(1.0, ((sent_C - now_C) / _BAND_K) ** 2)
-            return Heat(
-                passed_s, share, _EDGE, held_C=now_C if now_C > sent_C - _NEAR_K else math.nan
-            )
+            return Heat(passed_s, share, _EDGE, held_C=now_C if now_C > sent_C - _NEAR_K else None)
         low_C, high_C = sorted((before_C, now_C))
         if high_C <= sent_C:
             return Heat(passed_s, 1.0, warm=not soft)
@@ -281,12 +278,7 @@ class SegmentWatch:
             self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
         return jumped
 
-    @property
-    def _is_alive(self) -> bool:
-        """True if it flickers about as much as ever; a sensor that sticks does not."""
-        return self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
-
-    def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
+    def _check_life(self, here_C: float, pair_C: tuple[float, float]) -> None:
         """A sensor that flickers far more than any."""
         if math.isfinite(pair_C[0]):
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
@@ -294,9 +286,8 @@ class SegmentWatch:
             self._readings = min(self._readings + 1, _USUAL)
             self._usual_K += (bend_K - self._usual_K) / self._readings
         if self._flicker_K > _FLICKER_K:
-            self._raise(
-                "sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
-            )
+            words = f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
+            self._raise("sensor", words)
 
     def _check_likeness(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
         """A reading that no healthy segment shows after so much heat."""
@@ -305,36 +296,31 @@ class SegmentWatch:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        risen_K = here_C - self._recent_C[0]
-        at_C = abs(here_C - self._heater.melting_point_C)
-        melts = (
-            at_C < _OFF_BY_K and self._is_alive
-        )  # else what stands still is a sensor that sticks
-        if belief.heated_s > 0.0 and here_C <= high_C:
+        risen_K, above = here_C - self._recent_C[0], here_C > (low_C + high_C) / 2
+        near = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
+        alive = self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
+        melts = near and alive  # else what stands still is a sensor that sticks
+        if belief.heated_s > 0.0 and not above and self._asked != "rigid":
             cold_C, dead = belief.start.shown_C + _WARMED_K, ""
             if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
                 dead = "warm"
-            if melts and abs(risen_K) < _SAME_K:
-                dead = "melt"
-            if dead:
+            if dead := "melt" if melts and abs(risen_K) < _SAME_K else dead:
                 self.belief = None  # one may go on without it, and nobody knows its state
                 words = f"heating does not {dead} it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-        if self._asked == "soft" and here_C < low_C:
+        if self._asked == "soft" and not above:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
         stands = len({*list(self._recent_C)[-_STANDS:]}) == 1  # to the last digit
-        if here_C > high_C and not stands and melts and self._asked == "rigid":
+        moves = abs(risen_K) >= max(_SAME_K / 2, 5 * self._flicker_K)
+        if above and not stands and self._asked == "rigid" and (melts or (moves and risen_K <= 0)):
             self._raise("cooling", f"{words}: it cools too slowly")
-        if here_C > high_C and not stands and abs(risen_K) >= max(_SAME_K / 2, 2 * self._flicker_K):
-            if risen_K > 0.0 and self._asked == "rigid":
-                self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
-            if risen_K > 0.0 and here_C > self._heater.soft_setpoint_C + _HELD_K:
-                self._raise("hot", f"{words}: its heater does not go off")
+        if above and not stands and moves and risen_K > 0.0:
             if self._asked == "rigid":
-                self._raise("cooling", f"{words}: it cools too slowly")
-        much = "much" if here_C > high_C else "little"
-        self._raise("sensor", f"{words}: its sensor shows too {much}")
+                self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
+            if here_C > self._heater.soft_setpoint_C + _HELD_K:
+                self._raise("hot", f"{words}: its heater does not go off")
+        self._raise("sensor", f"{words}: its sensor shows too {'much' if above else 'little'}")
 
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None

@@ -116,10 +116,10 @@ class Lumped:
         return other.temperature_C(state) + (self.melting_point_C - other.melting_point_C)
 
     def rates_in(
-        self, other: Lumped, state: tuple[Array, ...], current_A: Array | float
+        self, other: Lumped, state: tuple[Array, ...], here_C: Array, current_A: Array | float
     ) -> tuple[Array, ...]:
         """Rate of metal of this kind, as far from melting as in another model, there [W]."""
-        (h,), here_C = state, self.temperature_in(other, state)
+        (h,) = state
         coil = self.resistance_ohm * (1 + self.temperature_coefficient_per_K * (here_C - 25.0))
         power_W = current_A**2 * coil - self.loss_W_per_K * (here_C - self.ambient_C)
         liquid_share = other.heat_liquid_J_per_K / self.heat_liquid_J_per_K

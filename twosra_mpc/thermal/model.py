@@ -87,9 +87,9 @@ class SegmentModel(Protocol):
         """Temperature in a state of another model, were its metal of this kind; of arrays, too."""
 
     def rates_in(
-        self, other: Self, state: tuple[Array, ...], current_A: Array | float
+        self, other: Self, state: tuple[Array, ...], here_C: Array, current_A: Array | float
     ) -> tuple[Array, ...]:
-        """Rates of a state of another model, were its metal of this kind; values may be arrays."""
+        """Rates of a state of another model, were its metal of this kind, and so warm."""
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
         """Heater power."""

@@ -96,10 +96,10 @@ class TwoNode:
         return state[0]
 
     def rates_in(
-        self, other: TwoNode, state: tuple[Array, ...], current_A: Array | float
+        self, other: TwoNode, state: tuple[Array, ...], here_C: Array, current_A: Array | float
     ) -> tuple[Array, ...]:
         """Rates of both temperatures, which are the same in another model [K/s]."""
-        del other
+        del other, here_C
         flow = self.coupling_per_s * (state[0] - state[1])
         body = flow / self.body_ratio - self.body_loss_per_s * (state[1] - self.ambient_C)
         return self.power_K_per_s * (current_A / self.full_current_A) ** 2 - flow, body
