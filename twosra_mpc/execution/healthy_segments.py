@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.control.stiffness import CLEARLY_LIQUID_K
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
@@ -107,6 +108,10 @@ class Kinds(ArrayValue):
     def is_solid(self, shown_C: float) -> bool:
         """True if a reading is surely of solid metal."""
         return shown_C < thresholds_C(self.nominal)[0] - _SOLID_K
+
+    def is_liquid(self, shown_C: float) -> bool:
+        """True if a reading is above that of metal that melts."""
+        return shown_C > thresholds_C(self.nominal)[1] + CLEARLY_LIQUID_K
 
     def start(self, shown_C: float, said_C: float, liquid: bool = False) -> Start:
         """Rest as the first reading has it where metal is solid, else as it is said to be."""

@@ -276,7 +276,8 @@ class HeatBelief(ArrayValue):
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
             return sum(heat.passed_s for heat, _ in self.since) >= _RESTS_S
         unknown_s = sum(heat.unknown_s for heat, _ in self.since)
-        return (unknown_s >= _UNKNOWN_S and self.surely_liquid) or len(self.since) >= _MOST
+        liquid = self.surely_liquid and self.kinds.is_liquid(shown_C)
+        return (unknown_s >= _UNKNOWN_S and liquid) or len(self.since) >= _MOST
 
     def _about(self, fit: Fit) -> HeatBelief:
         """Make a step from one kind."""
