@@ -231,7 +231,7 @@ def test_reconfiguring_may_take_less_than_melting_from_cold(seed: int) -> None:
         assert made.bears(claim.bound), claim
 
 
-@pytest.mark.parametrize("seed", [59, 123, 135, 182, 394])
+@pytest.mark.parametrize("seed", [59, 100, 116, 123, 134])
 def test_what_verification_accepts_is_not_proved_impossible(seed: int) -> None:
     made = attacked(seed)
     assert "within the tolerance" in made.features

@@ -145,7 +145,7 @@ def both_at_once(melt_s: float, temperature_C: tuple[float, float]) -> Problem:
     )
 
 
-@pytest.mark.parametrize("temperature_C", [(25.0, 25.0), (25.0, 50.0), (62.0, 25.0)])
+@pytest.mark.parametrize("temperature_C", [(25.0, 25.0), (25.0, 50.0), (64.0, 25.0)])
 def test_with_one_heater_metal_that_coasts_long_enough_lets_the_other_segment_melt(
     temperature_C: tuple[float, float],
 ) -> None:

@@ -324,10 +324,10 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-# Of late: starts in any state of the metal, and what is left of a plan.
-MOST_CORE_LINES, MOST_CORE_FILES = 30_330, 245
-MOST_LINES = 37_345
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 437, 68  # paper-1, planned once before
+MOST_CORE_LINES, MOST_CORE_FILES = 29_410, 240
+MOST_LINES = 36_110
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 68  # paper-1, planned once before; two
+# more than before for starts in any state of the metal: its melt fractions, its stiffness
 
 
 def code_lines(module: str) -> int:

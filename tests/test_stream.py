@@ -425,7 +425,9 @@ def test_a_line_that_fails_once_carries_the_stop_and_a_dead_one_is_told_even_of_
     with pytest.raises(StreamError, match=f"cannot write; .*{words}"):
         stream(plan, port, SteppedClock(), confirm=Confirm.NEVER)
     assert port.tries >= 10 + STOPS
-    assert port.sent[9:] == ([stop_command(2)] * STOPS if last == 10 else [])
+    stops = port.sent[9:]
+    assert set(stops) <= {stop_command(2)}
+    assert len(stops) >= STOPS if last == 10 else not stops
 
 
 def test_an_interrupt_while_the_robot_is_being_stopped_changes_nothing() -> None:
