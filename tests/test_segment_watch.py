@@ -68,7 +68,7 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
     (
         "was hot",
         rows(OFF_C, lambda t: 84 + 5 * (1 - math.exp(-t / 5)) - t / 20, "soft", 99),
-        "relay",
+        "sensor",
         32,
     ),
     ("slow", rows(OFF_C, lambda t: 55 - 0.05 * t, "changing", 2000), "cooling", 100),

@@ -24,7 +24,7 @@ from twosra_mpc.thermal.model import Array
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 26.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
+_UNLIKE_COST = 20.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
 _GAIN = 0.1  # less is not worth a step
 _DOUBT_K = 0.8  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
