@@ -300,7 +300,7 @@ class SegmentWatch:
         near = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
         alive = self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
         melts = near and alive  # else what stands still is a sensor that sticks
-        if belief.heated_s > 0.0 and not above and self._asked != "rigid":
+        if belief.heated_s > 0.0 and here_C <= high_C and self._asked != "rigid":
             cold_C, dead = belief.start.shown_C + _WARMED_K, ""
             if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
                 dead = "warm"
