@@ -71,6 +71,7 @@ Metres = Annotated[float, Field(ge=-100.0, le=100.0), BeforeValidator(plain)]  #
 Radians = Annotated[float, Field(ge=-1e3, le=1e3), BeforeValidator(plain)]
 Celsius = Annotated[float, Field(ge=-273.15, le=2e3), BeforeValidator(plain)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(plain)]
+PlanePose = Annotated[tuple[Metres, Metres, Radians], BeforeValidator(plain)]
 MetresPair = Annotated[tuple[Metres, Metres], BeforeValidator(plain)]
 Length = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6), BeforeValidator(plain)]  # in m
 Distance = Annotated[float, Field(ge=0.0, le=100.0), BeforeValidator(plain)]  # in m

@@ -6,9 +6,11 @@ configuration seen then, numbers separated by spaces or commas:
     1763825400.125 0.1502 -0.0498 0.7854 12.5 -8.0
 
 that is x [m], y [m] and phi [rad] of the middle link, and the curvature [1/m] of each segment, in
-the frame of the plan. Empty lines and lines that begin with # are skipped. A line that is garbled,
-holds NaN, is too late, from the future or out of order, or shows a shape that no robot has, is
-refused and counted: it is as if the frame had not been taken, and without frames no wheel turns.
+the frame of the plan. Of a robot with `Markers` a line has x, y and heading of each marker instead,
+``nan`` for one that is not seen. Empty lines and lines that begin with # are skipped. A line that
+is garbled, holds no number, is too late, from the future or out of order, or shows a shape that no
+robot has, is refused and counted: it is as if the frame had not been taken, and without frames no
+wheel turns.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import Camera
+from twosra_mpc.execution.robot_interface import Camera, OfKind
+from twosra_mpc.model.markers import Markers, configuration, marker_poses
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
@@ -36,6 +39,7 @@ NOISE = (1e-3, 0.02, 1.0)  # of the authors' camera: its rounding in their logs
 
 _LONGEST = 65536  # bytes at a time, and of a line
 _BEYOND = 1.5  # times the curvature that the robot may have
+_APART = 6.0  # times their noise: markers that far from where any shape has them are mixed up
 
 
 class PoseLines:
@@ -54,6 +58,7 @@ class PoseLines:
         robot: Robot,
         rate_Hz: float,
         unix_s: Callable[[], float] = time.time,
+        markers: Markers | None = None,
     ) -> None:
         """Read nothing yet.
 
@@ -62,12 +67,13 @@ class PoseLines:
             robot: The robot that is seen.
             rate_Hz: Frames per second.
             unix_s: The clock of the lines.
+            markers: Whose poses the lines are; default: lines are configurations.
         """
-        self.camera = Camera(rate_Hz=rate_Hz, noise=NOISE)
+        noise = NOISE if markers is None else _noise(robot, markers)
+        self.camera = Camera(rate_Hz=rate_Hz, noise=noise)
         self.taken, self.refused, self.trouble = 0, 0, ""
         self._receive, self._unix_s, self._begun = receive, unix_s, b""
-        self._size, self._last_s = robot.coordinates.size, -math.inf
-        self._most_per_m = _BEYOND * robot.limits.curvature_per_m
+        self._robot, self._markers, self._last_s = robot, markers, -math.inf
 
     def frames(self, now_s: float) -> tuple[Array, Array]:
         """New frames: when each was taken, on the clock that shows ``now_s``, and q (k, 3 + n)."""
@@ -79,51 +85,78 @@ class PoseLines:
             if not text or text.startswith("#"):
                 continue
             try:
-                taken_s, *q = self._understood(text, unix_s)
-            except ValueError as error:
+                taken_s, q = self._understood(text, unix_s)
+            except (ValueError, InputError) as error:
                 self.refused, self.trouble = self.refused + 1, f"{text[:80]!r}: {error}"
                 continue
             self.taken, self._last_s = self.taken + 1, taken_s
             times.append(now_s - (unix_s - taken_s))
             found.append(q)
-        return np.array(times), np.array(found).reshape(-1, self._size)
+        return np.array(times), np.array(found).reshape(-1, self._robot.coordinates.size)
 
     def describe(self) -> str:
         """Words for what has come in so far."""
         last = f", the last one {self.trouble}" if self.refused else ""
         return f"{self.taken} lines of poses were taken, {self.refused} refused{last}"
 
-    def _understood(self, text: str, unix_s: float) -> list[float]:
-        """Numbers of a line, the time first."""
-        numbers = [float(word) for word in text.replace(",", " ").split()]
-        if len(numbers) != 1 + self._size:
-            raise ValueError(f"{len(numbers)} numbers, not {1 + self._size}")
-        if not all(map(math.isfinite, numbers)):
+    def _understood(self, text: str, unix_s: float) -> tuple[float, Array]:
+        """Time and configuration of a line."""
+        taken_s, *told = [float(word) for word in text.replace(",", " ").split()]
+        size = self._robot.coordinates.size
+        count = size if self._markers is None else POSE * len(self._markers.marker)
+        if len(told) != count:
+            raise ValueError(f"{1 + len(told)} numbers, not {1 + count}")
+        if not math.isfinite(taken_s) or (
+            self._markers is None and not all(map(math.isfinite, told))
+        ):
             raise ValueError("not all numbers are finite")
-        age_s, kappa = unix_s - numbers[0], numbers[1 + POSE :]
+        age_s = unix_s - taken_s
         if not EARLIEST_S <= age_s <= LATEST_S:
             raise ValueError(f"taken {age_s:z.3g} s ago; at most {LATEST_S:zg} s are of use")
-        if numbers[0] <= self._last_s:
+        if taken_s <= self._last_s:
             raise ValueError("not taken after the line before it")
-        if max(map(abs, kappa)) > self._most_per_m:
-            raise ValueError(f"a curvature beyond {self._most_per_m:z.0f} 1/m")
-        return numbers
+        q = np.array(told) if self._markers is None else self._by_markers(self._markers, told)
+        most_per_m = _BEYOND * self._robot.limits.curvature_per_m
+        if np.abs(q[POSE:]).max() > most_per_m:
+            raise ValueError(f"a curvature beyond {most_per_m:z.0f} 1/m")
+        return taken_s, q
+
+    def _by_markers(self, markers: Markers, told: list[float]) -> Array:
+        """Configuration by markers; nothing is begun from that was seen before."""
+        seen = configuration(self._robot, markers, np.reshape(told, (-1, POSE)))
+        too_far = seen.residual_m > _APART * markers.noise_m
+        if too_far or seen.residual_rad > _APART * markers.noise_rad:
+            off = f"{1e3 * seen.residual_m:z.1f} mm, {math.degrees(seen.residual_rad):z.1f} degrees"
+            raise ValueError(f"markers that no shape of the robot explains: {off} are left")
+        return seen.q
+
+
+def _noise(robot: Robot, markers: Markers) -> OfKind:
+    """Standard deviations of a straight robot's configuration by markers."""
+    straight = np.zeros(robot.coordinates.size)
+    seen = configuration(robot, markers, marker_poses(robot, markers, straight), near=straight)
+    deviation = np.sqrt(np.diag(seen.covariance))
+    x_m, phi_rad, curved = deviation[:2].max(), deviation[2], deviation[POSE:].max()
+    return float(x_m), float(phi_rad), float(curved)
 
 
 @contextmanager
-def pose_lines(source: str, robot: Robot, rate_Hz: float) -> Iterator[PoseLines]:
+def pose_lines(
+    source: str, robot: Robot, rate_Hz: float, markers: Markers | None = None
+) -> Iterator[PoseLines]:
     """Open a source of poses.
 
     Args:
         source: "-" for standard input, or the number of a UDP port.
         robot: The robot that is seen.
         rate_Hz: Frames per second.
+        markers: Whose poses the lines are; default: lines are configurations.
 
     Raises:
         InputError: If it is neither, or the port is taken.
     """
     if source == "-":
-        yield PoseLines(_standard_input, robot, rate_Hz)
+        yield PoseLines(_standard_input, robot, rate_Hz, markers=markers)
         return
     if not (source.isdecimal() and 0 < int(source) < 65536):
         raise InputError("camera", source, "- for standard input, or a UDP port from 1 to 65535")
@@ -134,7 +167,7 @@ def pose_lines(source: str, robot: Robot, rate_Hz: float) -> Iterator[PoseLines]
             allowed = f"a UDP port that can be opened ({error.strerror})"
             raise InputError("camera", source, allowed) from error
         opened.setblocking(False)
-        yield PoseLines(lambda: _datagrams(opened), robot, rate_Hz)
+        yield PoseLines(lambda: _datagrams(opened), robot, rate_Hz, markers=markers)
 
 
 def _standard_input() -> bytes:

@@ -23,6 +23,7 @@ from twosra_mpc.execution.serial.pose_lines import pose_lines
 from twosra_mpc.execution.serial.robot import RATE_HZ
 from twosra_mpc.execution.serial.stream import Confirm, StreamState, check_sendable, preview, stream
 from twosra_mpc.lab.commands import robot_line
+from twosra_mpc.model.markers import load_markers
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
@@ -47,6 +48,7 @@ from twosra_mpc.robot.modes import mode_name
     help="Whether phases begin by temperature reports, or at the plan's times.",
 )
 @click.option("--camera", metavar="-|PORT", help="Follow poses: standard input, or a UDP port.")
+@click.option("--markers", type=FILE, help="Poses are those of markers on the robot (.toml).")
 @file_option("--log", "Write what was sent and reported, as a run (.json).", ending(".json"))
 @robot_line.ROBOT_ID
 def stream_command(
@@ -57,6 +59,7 @@ def stream_command(
     rate_Hz: float,
     confirm: str,
     camera: str | None,
+    markers: Path | None,
     log: Path | None,
     robot_id: int | None,
     output: Output,
@@ -74,7 +77,8 @@ def stream_command(
 
     With --camera the plan is tracked by what a tracking system sees, corrected, and planned again.
     It writes lines, on standard input or to a UDP port of this computer: Unix time [s], x, y [m],
-    phi [rad], and the curvature [1/m] of each segment, separated by spaces or commas.
+    phi [rad], and the curvature [1/m] of each segment, separated by spaces or commas. With
+    --markers a line has x, y and heading of each marker instead.
 
     Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 48 % of
     what is planned. Plan with 2sra-v1.
@@ -101,6 +105,8 @@ def stream_command(
     robot_line.check_line(port, dry_run)
     if dry_run and (camera or log):
         raise click.UsageError("--dry-run sends nothing: there is nothing to follow or to --log")
+    if markers and not camera:
+        raise click.UsageError("--markers says what the poses of --camera are of")
     plan = drivable_plan(source, accept_paper_wheels=accept_paper_wheels)
     robot = robot_line.numbered(plan.robot, robot_id)
     problem = plan.problem.with_values(robot=robot)
@@ -114,7 +120,9 @@ def stream_command(
         opened = open_until_the_end.enter_context(robot_line.opened_line(port))
         poses = None
         if camera is not None:
-            poses = open_until_the_end.enter_context(pose_lines(camera, robot, rate_Hz))
+            placed = None if markers is None else load_markers(markers)
+            lines = pose_lines(camera, robot, rate_Hz, placed)
+            poses = open_until_the_end.enter_context(lines)
 
         def drive() -> int:
             with output.progress("opening the line") as tell:
