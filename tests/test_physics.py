@@ -152,6 +152,53 @@ def test_walls_stop_it_and_objects_are_pushed() -> None:
     assert pushing.poses[0, 0] == pytest.approx(0.205, abs=3e-3)
 
 
+def test_what_rests_does_not_creep() -> None:
+    engine = engine_of(problem(20.0, -10.0), 1.0, 0.0)
+    seconds(engine, 1.0, np.array([4.0, 0.83, 0.0, 0.0]), 1.0, 0.0)
+    before = seconds(engine, 1.0, np.zeros(WHEELS), 1.0, 0.0)
+    crept = np.abs(seconds(engine, 5.0, np.zeros(WHEELS), 1.0, 0.0) - before)
+    assert (
+        crept < [2e-5, 2e-5, 1e-3, 0.02, 0.02]
+    ).all()  # without the pass against slip: ten times
+
+
+def test_segments_of_the_fibre_touch_each_other_and_not_themselves() -> None:
+    """A segment of 80 mm rolled up meets the one beside it; either alone meets nothing."""
+    robot, touching = with_segments(0.08, 0.08), []
+    model = mujoco.MjModel.from_xml_string(mjcf(robot))
+    fibre = model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
+    for kappa in ([0.0, 0.0], [8.0, -8.0], [65.0, 65.0]):
+        data = mujoco.MjData(model)
+        for j, bent in enumerate(kappa):
+            for k in range(8):
+                data.joint(f"bend{j + 1}_{k + 1}").qpos = bent * 0.08 / 8
+        mujoco.mj_forward(model, data)
+        touching.append(int(fibre[data.contact.geom].all(axis=1).sum()))
+    assert touching[:2] == [0, 0]
+    assert touching[2] > 0
+
+
+def test_a_problem_is_exported_as_it_starts(tmp_path: Path) -> None:
+    for name in ("pick-and-place", "scattered", "paper-1"):
+        target, task = tmp_path / f"{name}.xml", load_problem(name)
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["export", name, str(target), "--quiet"])
+        assert ended.value.code == 0
+        model = mujoco.MjModel.from_xml_path(str(target))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+        start = task.start.configuration
+        for _ in range(400):
+            mujoco.mj_step(model, data)
+        pose = [data.joint(each).qpos[0] for each in ("x", "y", "phi")]
+        bent = [
+            sum(data.joint(f"bend{j + 1}_{k + 1}").qpos[0] for k in range(8)) / length_m
+            for j, length_m in enumerate(task.robot.geometry.lengths_m)
+        ]
+        np.testing.assert_allclose(pose, start[:POSE], atol=2e-3)
+        np.testing.assert_allclose(bent, start[POSE:], atol=0.3)
+
+
 def test_the_plant_is_the_same_robot_with_other_motion() -> None:
     task = problem(10.0, -5.0)
     by_arcs, ideal = (SimulatedRobot(task, plant, seed=4) for plant in ("arc", "mujoco"))

@@ -1,11 +1,13 @@
 r"""A robot moved by MuJoCo: wheels roll, the fibre bends where metal is liquid, things collide.
 
 Bending moments of a segment are those of two springs in parallel: rubber, straight at rest, and
-metal in proportion to its solid share s, at rest in the shape in which it froze. Metal that freezes
+metal by a power p of its solid share s, at rest in the shape in which it froze. Metal that freezes
 at an angle adds to the mean of the rest angles by its share, metal that melts leaves it alone:
 
-.. math:: M = -k_r \theta - s\,k_m (\theta - \theta_0), \qquad
+.. math:: M = -k_r \theta - s^p k_m (\theta - \theta_0), \qquad
     \theta_0 \leftarrow (s\,\theta_0 + \Delta s\,\theta) / (s + \Delta s).
+
+Nobody has measured how metal sets: p is drawn from a range.
 """
 
 from __future__ import annotations
@@ -20,7 +22,14 @@ from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.installation import require
-from twosra_mpc.physics.mjcf import HINGES, SERVO_N_M_PER_RAD, SERVO_N_M_S, STEP_S, mjcf
+from twosra_mpc.physics.mjcf import (
+    HINGES,
+    SERVO_N_M_PER_RAD,
+    SERVO_N_M_S,
+    STEP_S,
+    mjcf,
+    springs,
+)
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -77,10 +86,7 @@ class Engine:
 
         mujoco.set_mju_user_warning(lambda text: None)  # else it writes a log file; see `roll`
         self._mujoco, self.physics, self._step_s = mujoco, physics, step_s
-        text = mjcf(
-            robot, physics, obstacles=problem.obstacles, objects=problem.objects,
-            hinges=hinges, step_s=step_s,
-        )  # fmt: skip
+        text = mjcf(robot, physics, problem=problem, hinges=hinges, step_s=step_s)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
         self._lengths_m, self._hinges = np.array(robot.geometry.lengths_m), hinges
@@ -94,9 +100,7 @@ class Engine:
              for item in problem.objects], dtype=int,
         ).reshape(-1, POSE)  # fmt: skip
         self._object_start = np.array([item.pose.pose for item in problem.objects])
-        start = problem.start.configuration
-        self.data.qpos[self._pose] = start[:POSE]
-        self.data.qpos[self._bends] = (start[POSE:] * self._lengths_m / hinges)[:, None]
+        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self._rest_rad = self.data.qpos[self._bends].copy()
         self._solid = 1.0 - np.asarray(melted)
         self._stiffen()
@@ -194,12 +198,11 @@ class Engine:
 
     def _stiffen(self) -> None:
         """Give the hinges the stiffness of the metal as it is."""
-        per_hinge = (self._hinges / self._lengths_m)[:, None]
-        rubber = self.physics.soft_stiffness_N_m2 * per_hinge
-        solid_EI = self.physics.solid_stiffness_N_m2 - self.physics.soft_stiffness_N_m2
-        metal = self._solid[:, None] * solid_EI * per_hinge
-        both = np.broadcast_to(rubber + metal, self._bends.shape)
-        self.model.jnt_stiffness[self._bends] = both
-        self.model.dof_damping[self._bends] = both * self.physics.relaxation_s
-        self.model.dof_frictionloss[self._bends] = self.physics.soft_friction_N_m
-        self.model.qpos_spring[self._bends] = metal / both * self._rest_rad
+        pieces_m = self._lengths_m / self._hinges
+        each = zip(self._bends, self._solid.tolist(), self._rest_rad, pieces_m, strict=True)
+        for hinges, solid, rest_rad, piece_m in each:
+            stiffness, neutral_rad = springs(self.physics, solid, rest_rad, piece_m)
+            self.model.jnt_stiffness[hinges] = stiffness
+            self.model.dof_damping[hinges] = stiffness * self.physics.relaxation_s
+            self.model.dof_frictionloss[hinges] = self.physics.soft_friction_N_m
+            self.model.qpos_spring[hinges] = neutral_rad

@@ -1,14 +1,16 @@
-"""A robot and its surroundings as MJCF, the format of MuJoCo; written without MuJoCo.
+"""MJCF, the format of MuJoCo, of a robot and of what is around it; written without MuJoCo.
 
 The middle link b0 is the root: it slides in the plane, turns about the vertical, and sinks until
 all wheels carry weight; nothing tilts. From it the fibre runs to either unit, a segment as a chain
-of hinges of equal angles. Wheels are omni-wheels whose free rollers alone touch the ground.
+of hinges of equal angles. Wheels are omni-wheels whose free rollers alone touch the ground. Without
+MuJoCo's pass against slip, contacts with friction creep, by half a millimetre in 15 s of rest.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
@@ -16,7 +18,9 @@ import numpy as np
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.physics import Physics
@@ -31,13 +35,43 @@ _ROLLER_KG = 0.0005
 _WHEEL_KG = 0.02  # without rollers
 _ROUNDING = 1e-6  # rad
 _HEIGHT_M = 0.02  # of units, obstacles and objects
-_OBJECT_KG = 0.1
 _CONTACT_S = 0.006  # time constant of rollers on the ground: they sink in by 0.06 mm
 _MOTOR_KG_M2 = 5e-5  # inertia of a geared motor at the wheel
 _HINGE_KG_M2, _ROLLER_KG_M2 = 1e-6, 1e-8  # added inertia: keeps small masses solvable
-_GROUND, _WALL, _UNIT, _FIBRE, _OBJECT = 1, 2, (4, 8), 16, 32  # bits: what touches what
+_GROUND, _WALL, _UNIT, _LINK, _OBJECT = 1, 2, (4, 8), 16, 32  # bits: what touches what
+_SEGMENT = (64, 128, 256, 512)
+_NO_SLIP = 5  # iterations
 _SLIPPERY = "0.3 0.005 0.0001"  # of objects on the ground, and of the robot along walls
 _GREY, _GREEN = "0.5 0.5 0.5 1", "0.2 0.6 0.3 1"
+
+
+class Springs(NamedTuple):
+    """Springs of the hinges of a segment.
+
+    Attributes:
+        stiffness_N_m_per_rad: Of each hinge.
+        rest_rad: Angle at which it pulls nowhere.
+    """
+
+    stiffness_N_m_per_rad: float
+    rest_rad: Array | float
+
+
+def springs(physics: Physics, solid: float, rest_rad: Array | float, piece_m: float) -> Springs:
+    """Rubber, straight at rest, beside the solid share of the metal, at rest as it froze.
+
+    Metal that is partly solid is stiff by a power of that share: `Physics.setting_exponent`.
+
+    Args:
+        physics: Stiffness.
+        solid: Solid share of the metal.
+        rest_rad: Angles of the hinges at which the metal froze.
+        piece_m: Length of the fibre for each hinge.
+    """
+    rubber = physics.soft_stiffness_N_m2 / piece_m
+    metal = (physics.solid_stiffness_N_m2 - physics.soft_stiffness_N_m2) / piece_m
+    metal *= solid**physics.setting_exponent
+    return Springs(rubber + metal, metal / (rubber + metal) * rest_rad)
 
 
 @public
@@ -45,23 +79,22 @@ def mjcf(
     robot: Robot,
     physics: Physics | None = None,
     *,
-    obstacles: Sequence[Obstacle] = (),
-    objects: Sequence[Object] = (),
+    problem: Problem | None = None,
     hinges: int = HINGES,
     step_s: float = STEP_S,
 ) -> str:
-    """Return the MJCF of a robot, straight and cold at the origin.
+    """Return the MJCF of a robot, straight and cold at the origin, or of a problem.
 
     Joints ``x``, ``y``, ``phi`` are the pose of b0, ``bendJ_K`` hinge K of segment J (its
     curvature is the sum of the angles over its length), ``wheelI`` the wheels. Actuator ``wheelI``
     is a velocity servo [rad/s] that holds its angle at rest. Stiffness and damping of a
-    segment are in class ``segmentJ``.
+    segment are in class ``segmentJ``: those of its metal as it is at the start. Key frame ``start``
+    is the start's configuration.
 
     Args:
         robot: The robot.
         physics: Masses, stiffness and friction; default: the robot's own.
-        obstacles: What stands.
-        objects: What can be pushed, free bodies of 100 g.
+        problem: Start, obstacles, and objects, which are free bodies.
         hinges: Of each segment.
         step_s: Time step.
 
@@ -69,7 +102,7 @@ def mjcf(
         InputError: If its wheels cannot carry it.
     """
     check_carried(robot.geometry)
-    return _Writer(robot, physics or robot.true_physics, hinges, step_s).text(obstacles, objects)
+    return _Writer(robot, physics or robot.true_physics, hinges, step_s).text(problem)
 
 
 def check_carried(geometry: Geometry) -> None:
@@ -99,34 +132,56 @@ class _Writer:
         self._geometry, self._physics, self._hinges = robot.geometry, physics, hinges
         self._root = Element("mujoco", model=robot.name)
         _add(self._root, "compiler", angle="radian", autolimits="true")
-        _add(self._root, "option", timestep=step_s, cone="elliptic", impratio=10)
+        _add(self._root, "option", timestep=step_s, cone="elliptic", impratio=10,
+             noslip_iterations=_NO_SLIP)  # fmt: skip
         self._default = _add(self._root, "default")
         self._assets = _add(self._root, "asset")
         self._world = _add(self._root, "worldbody")
         self._actuators = _add(self._root, "actuator")
 
-    def text(self, obstacles: Sequence[Obstacle], objects: Sequence[Object]) -> str:
+    def text(self, problem: Problem | None) -> str:
         """The model as text."""
-        for number, length_m in enumerate(self._geometry.lengths_m, start=1):
-            found = _add(self._default, "default", **{"class": f"segment{number}"})
-            stiffness = self._physics.solid_stiffness_N_m2 * self._hinges / length_m
-            damping = stiffness * self._physics.relaxation_s
-            _add(found, "joint", stiffness=stiffness, damping=damping, armature=_HINGE_KG_M2)
+        q, melted = np.zeros(POSE + self._geometry.segments), [0.0] * self._geometry.segments
+        if problem is not None:
+            q, melted = problem.start.configuration, [*problem.melt_fractions]
+        self._segments(q, melted)
         _add(self._world, "light", pos="0 0 2", dir="0 0 -1")
         _add(
             self._world, "geom", name="ground", type="plane", size="2 2 0.1", contype=0,
             conaffinity=_GROUND, rgba="0.9 0.9 0.9 1", friction=_SLIPPERY, priority=1,
         )  # fmt: skip
-        touches = sum(_UNIT) | _FIBRE | _OBJECT
-        for obstacle in obstacles:
+        touches = sum(_UNIT) | _LINK | sum(_SEGMENT) | _OBJECT
+        for obstacle in () if problem is None else problem.obstacles:
             self._prisms(
                 self._world, obstacle, _GREY, contype=_WALL, conaffinity=touches, friction=_SLIPPERY
             )
-        for item in objects:
+        for item in () if problem is None else problem.objects:
             self._object(item)
         self._robot()
+        bends = {f"bend{j}": bend for j, bend in enumerate(self._hinge_rad(q), start=1)}
+        angles = {**dict(zip(("x", "y", "phi"), q[:POSE].tolist(), strict=True)), **bends}
+        joints = [joint.get("name", "").partition("_")[0] for joint in self._world.iter("joint")]
+        place = [angles.get(joint, 0.0) for joint in joints]
+        _add(_add(self._root, "keyframe"), "key", name="start", qpos=_vector(*place))
         indent(self._root)
         return tostring(self._root, encoding="unicode") + "\n"
+
+    def _hinge_rad(self, q: Array) -> list[float]:
+        """Angle of each hinge of each segment."""
+        bent: list[float] = (q[POSE:] * self._geometry.lengths_m / self._hinges).tolist()
+        return bent
+
+    def _segments(self, q: Array, melted: Sequence[float]) -> None:
+        """A class for the hinges of each segment."""
+        each = zip(self._geometry.lengths_m, self._hinge_rad(q), melted, strict=True)
+        for number, (length_m, bend_rad, liquid) in enumerate(each, start=1):
+            spring = springs(self._physics, 1.0 - liquid, bend_rad, length_m / self._hinges)
+            stiffness = spring.stiffness_N_m_per_rad
+            found = _add(self._default, "default", **{"class": f"segment{number}"})
+            _add(
+                found, "joint", stiffness=stiffness, springref=float(spring.rest_rad),
+                damping=stiffness * self._physics.relaxation_s, armature=_HINGE_KG_M2,
+            )  # fmt: skip
 
     def _robot(self) -> None:
         geometry = self._geometry
@@ -136,7 +191,7 @@ class _Writer:
         if first == 0:
             self._unit(root, 0)
         else:
-            self._link(root, -geometry.half_link_m, geometry.half_link_m)
+            self._link(root, -geometry.half_link_m, geometry.half_link_m, _LINK)
             self._side(root, range(first - 1, -1, -1), -1)
         self._side(root, range(first, geometry.segments), 1)
 
@@ -145,35 +200,37 @@ class _Writer:
         at_m = side * self._geometry.half_link_m
         for number in segments:
             half_m = side * self._geometry.lengths_m[number] / self._hinges / 2
-            self._link(body, at_m, at_m + half_m)
+            self._link(body, at_m, at_m + half_m, _SEGMENT[number])
             for k in range(self._hinges):
                 body = _add(body, "body", pos=_vector(at_m + half_m, 0, 0))
                 kind = {"class": f"segment{number + 1}", "axis": _vector(0, 0, side)}
                 _add(body, "joint", name=f"bend{number + 1}_{k + 1}", **kind)
-                self._link(body, 0.0, half_m if k == self._hinges - 1 else 2 * half_m)
+                long_m = half_m if k == self._hinges - 1 else 2 * half_m
+                self._link(body, 0.0, long_m, _SEGMENT[number])
                 at_m = half_m
             if number == segments[-1]:
                 self._unit(_add(body, "body", pos=_vector(at_m, 0, 0)), (1 + side) // 2)
             else:
                 link_m = side * self._geometry.middle_link_m
-                self._link(body, at_m, at_m + link_m)
+                self._link(body, at_m, at_m + link_m, _LINK)
                 at_m += link_m
 
-    def _link(self, body: Element, from_m: float, to_m: float) -> None:
-        """A straight piece of the fibre."""
+    def _link(self, body: Element, from_m: float, to_m: float, bit: int) -> None:
+        """A straight piece of the fibre; those of other segments touch it, those of its own not."""
         if from_m == to_m:
             return
+        others = sum(_SEGMENT) - bit if bit in _SEGMENT else 0
         _add(
             body, "geom", type="capsule", size=self._geometry.fibre_radius_m,
             fromto=_vector(from_m, 0, 0, to_m, 0, 0), rgba="0.85 0.45 0.2 1",
             mass=abs(to_m - from_m) * self._physics.fibre_kg_per_m,
-            contype=_FIBRE, conaffinity=_WALL | sum(_UNIT) | _OBJECT, friction=_SLIPPERY,
+            contype=bit, conaffinity=_WALL | sum(_UNIT) | _OBJECT | others, friction=_SLIPPERY,
         )  # fmt: skip
 
     def _unit(self, body: Element, unit: int) -> None:
         """A locomotion unit with its end link and two wheels, at its fibre end."""
         geometry, outward = self._geometry, (-1, 1)[unit]
-        self._link(body, 0.0, outward * geometry.end_link_m)
+        self._link(body, 0.0, outward * geometry.end_link_m, _LINK)
         out_m, aside_m = geometry.unit_middle_m
         half_m, high_m = geometry.unit_frame_m / 2, 0.8 * geometry.wheel_radius_m
         mass = self._physics.unit_mass_kg - 2 * (_WHEEL_KG + ROLLERS * _ROLLER_KG)
@@ -231,7 +288,9 @@ class _Writer:
         _planar(body, f"{item.name}.", phi)
         touches = {"contype": _OBJECT | _GROUND, "conaffinity": _OBJECT | _WALL | sum(_UNIT)}
         friction = _vector(0.5 if item.friction is None else item.friction, 0.005, 1e-4)
-        self._prisms(body, item.own, _GREEN, mass=_OBJECT_KG, friction=friction, **touches)
+        self._prisms(
+            body, item.own, _GREEN, mass=self._physics.object_mass_kg, friction=friction, **touches
+        )
 
     def _prisms(
         self, body: Element, shape: Obstacle, colour: str, mass: float = 0.0, **more: str | float
@@ -271,5 +330,5 @@ def _planar(body: Element, prefix: str, phi: float) -> None:
 
 def _unit_touches(unit: int) -> dict[str, str]:
     """Contacts of a unit, not with itself, and friction: where two touch, the rougher counts."""
-    touches = _WALL | _UNIT[1 - unit] | _FIBRE | _OBJECT
+    touches = _WALL | _UNIT[1 - unit] | _LINK | sum(_SEGMENT) | _OBJECT
     return {"contype": f"{_UNIT[unit]}", "conaffinity": f"{touches}", "friction": _SLIPPERY}

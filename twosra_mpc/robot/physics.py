@@ -18,6 +18,8 @@ _RANGES = {
     "wheel_friction": (0.3, 0.7),
     "roller_damping_N_m_s": (1e-7, 1e-5),
     "wheel_torque_N_m": (0.006, 0.05),
+    "object_mass_kg": (0.03, 0.3),
+    "setting_exponent": (1.0, 3.0),
 }
 
 
@@ -30,6 +32,9 @@ class Physics(Value):
     stiffness). ``soft_friction_N_m`` is the moment that dry friction in a soft segment resists
     with. ``wheel_friction`` is that of rollers on the ground, ``roller_damping_N_m_s`` of a roller
     about its own axis. ``wheel_torque_N_m`` is what a wheel's motor gives at most.
+    ``object_mass_kg`` is that of each object. Metal of solid share s is as stiff as solid metal
+    times s to the power of ``setting_exponent``: 1 if it stiffens evenly, 3 if crystals must first
+    meet.
 
     ``ranges`` are the least and largest values that robots are drawn from, evenly on a logarithmic
     scale where both are positive; what is not listed has its value.
@@ -44,6 +49,8 @@ class Physics(Value):
     wheel_friction: Positive = 0.5
     roller_damping_N_m_s: NonNegative = 1e-6
     wheel_torque_N_m: Positive = 0.02
+    object_mass_kg: Positive = 0.1
+    setting_exponent: Positive = 1.0
     ranges: Annotated[dict[str, Pair], AfterValidator(FrozenDict)] = FrozenDict(_RANGES)
 
     @model_validator(mode="after")
