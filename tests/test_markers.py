@@ -15,8 +15,8 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.markers import (
     Marker,
     Markers,
-    calibrated,
-    configuration,
+    calibrated_markers,
+    configuration_by_markers,
     load_markers,
     marker_poses,
 )
@@ -56,7 +56,7 @@ def test_the_configuration_behind_the_poses_is_found_from_nothing(
 ) -> None:
     robot, markers = (OF_THREE, THREE) if robot_of_three else (ROBOT, PAIR)
     q = shape(seed, robot.coordinates.segments)
-    seen = configuration(robot, markers, marker_poses(robot, markers, q))
+    seen = configuration_by_markers(robot, markers, marker_poses(robot, markers, q))
     np.testing.assert_allclose(apart(seen.q, q), 0.0, atol=1e-4)
     assert seen.residual_m < 1e-6
     assert seen.residual_rad < 1e-6
@@ -67,7 +67,7 @@ def test_errors_are_as_large_as_their_covariance_says() -> None:
     for seed in range(200):
         q = shape(seed, 2)
         told = marker_poses(ROBOT, PAIR, q) + NOISE * random.normal(size=(2, 3))
-        seen = configuration(ROBOT, PAIR, told, near=q)
+        seen = configuration_by_markers(ROBOT, PAIR, told, near=q)
         off = apart(seen.q, q)
         squares.append(off @ np.linalg.solve(seen.covariance, off))
     assert np.mean(squares) == pytest.approx(5.0, abs=4 * np.sqrt(2 * 5 / 200))  # of chi-square
@@ -90,22 +90,22 @@ def test_a_marker_in_the_middle_of_a_unit_is_between_its_wheels() -> None:
 def test_one_marker_or_both_on_one_unit_do_not_tell_the_shape() -> None:
     poses = marker_poses(ROBOT, PAIR, shape(3, 2))
     with pytest.raises(InputError, match=r"seen on: unit 2.*markers on links enough to tell 5"):
-        configuration(ROBOT, PAIR, np.where([[True], [False]], np.nan, poses))
+        configuration_by_markers(ROBOT, PAIR, np.where([[True], [False]], np.nan, poses))
     same = Markers(marker=(ON_UNITS[0], ON_UNITS[0]))
     with pytest.raises(InputError, match="markers on links enough"):
-        configuration(ROBOT, same, marker_poses(ROBOT, same, shape(3, 2)))
+        configuration_by_markers(ROBOT, same, marker_poses(ROBOT, same, shape(3, 2)))
 
 
 def test_the_third_marker_may_be_hidden_but_none_of_a_unit() -> None:
     q = shape(4, 2)
     poses = marker_poses(ROBOT, THREE, q)
     poses[2] = np.nan
-    seen = configuration(ROBOT, THREE, poses, near=q)
+    seen = configuration_by_markers(ROBOT, THREE, poses, near=q)
     np.testing.assert_allclose(apart(seen.q, q), 0.0, atol=1e-6)
     poses = marker_poses(ROBOT, THREE, q)
     poses[0] = np.nan
     with pytest.raises(InputError, match="seen on: unit 2, middle link"):
-        configuration(ROBOT, THREE, poses, near=q)
+        configuration_by_markers(ROBOT, THREE, poses, near=q)
 
 
 def drive() -> Array:
@@ -120,7 +120,7 @@ def test_a_short_drive_shows_where_the_markers_are() -> None:
     poses = np.array([marker_poses(ROBOT, PAIR, each) for each in q])
     poses += NOISE * random.normal(size=poses.shape)
     guess = Markers(marker=(Marker(link="unit 1"), Marker(link="unit 2")))
-    found = calibrated(ROBOT, guess, q, poses)
+    found = calibrated_markers(ROBOT, guess, q, poses)
     offsets = [[(m.x_m, m.y_m, m.phi_rad) for m in each.marker] for each in (found.markers, PAIR)]
     off = np.subtract(*offsets)
     assert (np.abs(off) < 4 * found.deviation).all()
@@ -133,7 +133,7 @@ def test_a_drive_that_does_not_turn_shows_nothing() -> None:
     q = drive()[31:]
     poses = np.array([marker_poses(ROBOT, PAIR, each) for each in q])
     with pytest.raises(InputError, match="a drive that turns"):
-        calibrated(ROBOT, PAIR, q, poses)
+        calibrated_markers(ROBOT, PAIR, q, poses)
 
 
 def lines_of(text: str, markers: Markers = PAIR) -> PoseLines:

@@ -18,11 +18,22 @@ from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.execution.simulation.simulate import Metrics, Simulation, Spread, simulate, spread
 from twosra_mpc.execution.think_aside import ThinkAside
+from twosra_mpc.model.markers import (
+    Calibration,
+    Marker,
+    Markers,
+    Sighting,
+    calibrated_markers,
+    configuration_by_markers,
+    load_markers,
+    marker_poses,
+)
 from twosra_mpc.robot.accuracy import Accuracy
 
 __all__ = [
     "LEVELS",
     "Accuracy",
+    "Calibration",
     "Camera",
     "Command",
     "Controller",
@@ -31,6 +42,8 @@ __all__ = [
     "Executor",
     "ExecutorSettings",
     "KnownStiffness",
+    "Marker",
+    "Markers",
     "Metrics",
     "Patience",
     "PoseSource",
@@ -39,14 +52,19 @@ __all__ = [
     "RobotInterface",
     "Run",
     "SerialRobot",
+    "Sighting",
     "SimulatedRobot",
     "Simulation",
     "Spread",
     "ThinkAside",
     "Truth",
+    "calibrated_markers",
+    "configuration_by_markers",
     "connected",
     "greedy_controller",
+    "load_markers",
     "load_run",
+    "marker_poses",
     "plan_controller",
     "simulate",
     "spread",

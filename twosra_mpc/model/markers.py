@@ -7,7 +7,8 @@ fixed at :math:`m_i` in the frame of its link, :math:`l_i(q)`, so that it is see
 
 with :math:`q_0` the pose of b0 and f that of the frame of the plan in the tracker's. Two markers
 have six numbers, and a robot of two segments five: what is left over, the residual, tells markers
-that have moved or are mixed up. `configuration` solves for q, `calibrated` for m and f.
+that have moved or are mixed up. `configuration_by_markers` solves for q, `calibrated_markers` for m
+and f.
 """
 
 from __future__ import annotations
@@ -130,7 +131,7 @@ def marker_poses(robot: Robot, markers: Markers, q: ArrayLike) -> Array:
 
 
 @public
-def configuration(
+def configuration_by_markers(
     robot: Robot, markers: Markers, poses: Array, near: ArrayLike | None = None
 ) -> Sighting:
     """Return the configuration that fits poses of markers best.
@@ -184,7 +185,7 @@ def configuration(
 
 
 @public
-def calibrated(robot: Robot, markers: Markers, q: ArrayLike, poses: Array) -> Calibration:
+def calibrated_markers(robot: Robot, markers: Markers, q: ArrayLike, poses: Array) -> Calibration:
     """Return where markers are, and the frame of the plan, from a drive.
 
     Drive rigidly, forth and round by half a turn or more: wheels then tell where the robot is to a
@@ -288,7 +289,7 @@ def _least_squares(
 ) -> Array:
     from scipy.optimize import least_squares  # a quarter of a second
 
-    found: Array = least_squares(off, start, slopes, x_scale="jac").x
+    found: Array = least_squares(off, start, slopes, method="lm", x_scale="jac").x
     return found
 
 

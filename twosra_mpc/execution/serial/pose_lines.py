@@ -28,7 +28,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
-from twosra_mpc.model.markers import Markers, configuration, marker_poses
+from twosra_mpc.model.markers import Markers, configuration_by_markers, marker_poses
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
@@ -123,7 +123,7 @@ class PoseLines:
 
     def _by_markers(self, markers: Markers, told: list[float]) -> Array:
         """Configuration by markers; nothing is begun from that was seen before."""
-        seen = configuration(self._robot, markers, np.reshape(told, (-1, POSE)))
+        seen = configuration_by_markers(self._robot, markers, np.reshape(told, (-1, POSE)))
         too_far = seen.residual_m > _APART * markers.noise_m
         if too_far or seen.residual_rad > _APART * markers.noise_rad:
             off = f"{1e3 * seen.residual_m:z.1f} mm, {math.degrees(seen.residual_rad):z.1f} degrees"
@@ -134,7 +134,9 @@ class PoseLines:
 def _noise(robot: Robot, markers: Markers) -> OfKind:
     """Standard deviations of a straight robot's configuration by markers."""
     straight = np.zeros(robot.coordinates.size)
-    seen = configuration(robot, markers, marker_poses(robot, markers, straight), near=straight)
+    seen = configuration_by_markers(
+        robot, markers, marker_poses(robot, markers, straight), near=straight
+    )
     deviation = np.sqrt(np.diag(seen.covariance))
     x_m, phi_rad, curved = deviation[:2].max(), deviation[2], deviation[POSE:].max()
     return float(x_m), float(phi_rad), float(curved)
