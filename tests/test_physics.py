@@ -144,12 +144,17 @@ def test_walls_stop_it_and_objects_are_pushed() -> None:
     wall = {"name": "wall", "box": {"x_m": [0.16, 0.20], "y_m": [-0.2, 0.2]}}
     stopped = engine_of(load_problem("paper-2", start=start, obstacles=[wall]), 0.0, 0.0)
     forward = drive_rows(load_robot("2sra-v1"), stopped.q[3:])[1] @ [0.02, 0.0, 0.0]
+    assert stopped.touched == ""
     assert seconds(stopped, 2.0, forward, 0.0, 0.0)[0] == pytest.approx(0.015, abs=1e-3)
+    assert stopped.touched == "wall"
     cup = {"name": "cup", "disc": {"radius_m": 0.02}, "pose": {"x_m": 0.18, "y_m": 0.0}}
-    pushing = engine_of(load_problem("paper-2", start=start, objects=[cup]), 0.0, 0.0)
+    behind = {"name": "wall", "box": {"x_m": [0.225, 0.30], "y_m": [-0.2, 0.2]}}
+    around = {"objects": [cup], "obstacles": [behind]}
+    pushing = engine_of(load_problem("paper-2", start=start, **around), 0.0, 0.0)
     assert pushing.poses[0] == pytest.approx([0.18, 0.0, 0.0], abs=1e-6)
     assert seconds(pushing, 2.0, forward, 0.0, 0.0)[0] == pytest.approx(0.04, abs=2e-3)
     assert pushing.poses[0, 0] == pytest.approx(0.205, abs=3e-3)
+    assert pushing.touched == ""  # the cup alone may touch the wall
 
 
 def test_what_rests_does_not_creep() -> None:

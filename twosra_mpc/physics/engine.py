@@ -27,6 +27,7 @@ from twosra_mpc.physics.mjcf import (
     SERVO_N_M_PER_RAD,
     SERVO_N_M_S,
     STEP_S,
+    WALL,
     mjcf,
     springs,
 )
@@ -53,6 +54,8 @@ class Engine:
         physics: Its masses, stiffness and friction.
         model: MuJoCo's model.
         data: MuJoCo's state.
+        touched: The obstacle that the robot touched first, by the engine's contacts after each
+            motion; empty if none.
     """
 
     squeezed = ""  # things that overlap push each other away
@@ -105,6 +108,12 @@ class Engine:
         self._solid = 1.0 - np.asarray(melted)
         self._stiffen()
         self._viewer: Any = None
+        names = [self.model.body(number).name for number in range(self.model.nbody)]
+        self._walls = {
+            n: name.removeprefix(WALL) for n, name in enumerate(names) if name.startswith(WALL)
+        }
+        self._things = {self.model.body(item.name).id for item in problem.objects}
+        self.touched = ""
         self.roll(np.zeros(WHEELS), melted, _SETTLING_S)
 
     @property
@@ -147,6 +156,7 @@ class Engine:
                 f"the simulation diverged ({words}): its [physics] are too stiff, or its masses too"
                 f" small, for steps of {step_ms:z.2g} ms"
             )
+        self.touched = self.touched or self._touches()
         if self._viewer is not None and self._viewer.is_running():
             self._viewer.sync()
             time.sleep(max(0.0, duration_s - (time.monotonic() - began_s)))
@@ -171,6 +181,14 @@ class Engine:
             self._viewer = viewer.launch_passive(self.model, self.data)
         except RuntimeError as error:  # macOS: it must be run by mjpython
             raise InputError("--viewer", True, f"left out: {error}") from None
+
+    def _touches(self) -> str:
+        """Obstacle in contact with the robot now; empty if none."""
+        for pair in self.model.geom_bodyid[self.data.contact.geom].tolist():
+            walls = [self._walls[body] for body in pair if body in self._walls]
+            if walls and not self._things.intersection(pair):
+                return walls[0]
+        return ""
 
     def _unwind(self) -> None:
         """Keep a blocked servo from running ahead of its wheel farther than its torque needs."""

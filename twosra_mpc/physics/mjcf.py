@@ -27,6 +27,7 @@ from twosra_mpc.robot.physics import Physics
 from twosra_mpc.space.convex import convex_parts
 
 HINGES = 8  # of a segment
+WALL = "obstacle "  # before the name of an obstacle: its body
 STEP_S = 0.0015
 ROLLERS = 12  # of a wheel
 SERVO_N_M_PER_RAD, SERVO_N_M_S = 0.5, 0.01  # of a wheel behind its command: of angle, of speed
@@ -88,8 +89,9 @@ def mjcf(
     Joints ``x``, ``y``, ``phi`` are the pose of b0, ``bendJ_K`` hinge K of segment J (its
     curvature is the sum of the angles over its length), ``wheelI`` the wheels. Actuator ``wheelI``
     is a velocity servo [rad/s] that holds its angle at rest. Stiffness and damping of a
-    segment are in class ``segmentJ``: those of its metal as it is at the start. Key frame ``start``
-    is the start's configuration.
+    segment are in class ``segmentJ``: those of its metal as it is at the start. Bodies have the
+    names of objects, and of obstacles, after ``obstacle``. Key frame ``start`` is the start's
+    configuration.
 
     Args:
         robot: The robot.
@@ -151,12 +153,14 @@ class _Writer:
             conaffinity=_GROUND, rgba="0.9 0.9 0.9 1", friction=_SLIPPERY, priority=1,
         )  # fmt: skip
         touches = sum(_UNIT) | _LINK | sum(_SEGMENT) | _OBJECT
-        for obstacle in () if problem is None else problem.obstacles:
-            self._prisms(
-                self._world, obstacle, _GREY, contype=_WALL, conaffinity=touches, friction=_SLIPPERY
-            )
-        for item in () if problem is None else problem.objects:
-            self._object(item)
+        if problem is not None:
+            for name, obstacle in zip(problem.world.names, problem.obstacles, strict=True):
+                body = _add(self._world, "body", name=f"{WALL}{name}")
+                self._prisms(
+                    body, obstacle, _GREY, contype=_WALL, conaffinity=touches, friction=_SLIPPERY
+                )
+            for item in problem.objects:
+                self._object(item)
         self._robot()
         bends = {f"bend{j}": bend for j, bend in enumerate(self._hinge_rad(q), start=1)}
         angles = {**dict(zip(("x", "y", "phi"), q[:POSE].tolist(), strict=True)), **bends}

@@ -30,6 +30,10 @@ class Motion(Protocol):
     """Motion of a simulated robot, and the objects around it."""
 
     @property
+    def touched(self) -> str | None:
+        """Obstacle that the robot has touched, empty if none; None if nothing keeps them apart."""
+
+    @property
     def objects(self) -> ObjectPlant | Engine | None:
         """Objects with their ``poses``; None without any."""
 
@@ -42,6 +46,8 @@ class Motion(Protocol):
 
 class PathMotion:
     """Motion by a path model, with slipping wheels and units that do not hold."""
+
+    touched = None  # it goes through obstacles, and is judged by where it was
 
     def __init__(
         self,
@@ -117,6 +123,11 @@ class PhysicsMotion:
         self.objects = self._engine if problem.objects else None
         if viewer:
             self._engine.view()
+
+    @property
+    def touched(self) -> str:
+        """Obstacle that the robot touched first, by the engine's contacts."""
+        return self._engine.touched
 
     def at_rest(self, segments: Segments) -> bool:
         """True if the engine's state rests, and metal has not changed since."""

@@ -62,6 +62,8 @@ class Truth(ArrayValue):
         forced_s: How long the wheels have turned while metal was changing, (rows,).
         objects: Poses of the objects [m, m, rad], (rows, objects, 3); empty without any.
         squeezed: Which object was squeezed, what it lay in and how deep; empty if none.
+        touched: Obstacle that a rigid-body engine had in contact with the robot, and when; empty if
+            none; None of a path model, which goes through obstacles.
     """
 
     time_s: Array
@@ -73,6 +75,7 @@ class Truth(ArrayValue):
     forced_s: Array
     objects: Array = field(default_factory=lambda: np.empty((0, 0, POSE)))
     squeezed: str = field(default="", kw_only=True)
+    touched: str | None = field(default=None, kw_only=True)
 
 
 def plant_robot(robot: Robot, plant: str) -> Robot:
@@ -142,6 +145,7 @@ class SimulatedRobot:
             self._motion = PhysicsMotion(problem, self._true, own, self.segments, viewer=viewer)
         elif viewer:
             raise InputError("viewer", True, f"left out: only plant {PHYSICS} has one")
+        self._touched = self._motion.touched
         self.q = problem.start.configuration.copy()
         self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
@@ -225,7 +229,8 @@ class SimulatedRobot:
         columns = [np.array(column, dtype=float) for column in zip(*self._told, strict=True)]
         for column in columns:
             column.setflags(write=False)
-        return Truth(*columns, squeezed="" if self.objects is None else self.objects.squeezed)
+        squeezed = "" if self.objects is None else self.objects.squeezed
+        return Truth(*columns, squeezed=squeezed, touched=self._touched)
 
     @property
     def objects(self) -> ObjectPlant | Engine | None:
@@ -248,6 +253,8 @@ class SimulatedRobot:
         self.q = self._motion.roll(self.q, turned, self.segments, self.camera.period_s)
         changing = any(0 < segment.melt_fraction < 1 for segment in self.segments)
         self._forced += turning and changing
+        if not self._touched and (name := self._motion.touched) is not None:
+            self._touched = name and f"touched {name} at {self.time_s:z.0f} s"
 
     def _turned(self, period_s: float) -> Array:
         """Turns of the motors in a period, (4,) [rad]: each goes to its command with a lag."""

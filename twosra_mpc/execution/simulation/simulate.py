@@ -160,7 +160,9 @@ class Simulation(ArrayValue):
         """Numbers, by what really happened."""
         run, truth = self.run, self.truth
         error, near = run.goal.error(truth.q[-1].copy()), self.approach
-        touched = near is not None and near.touched
+        touched = truth.touched or ""
+        if truth.touched is None and near is not None and near.touched:
+            touched = f"touched {near.name} at {near.time_s:z.0f} s"
         object_m, object_rad = object_errors(run.problem, truth)
         put = (object_m or 0.0) <= ACCURACY[0] and (object_rad or 0.0) <= ACCURACY[2]
         return Metrics(
@@ -178,7 +180,7 @@ class Simulation(ArrayValue):
             corrections=run.corrections,
             forced_s=float(truth.forced_s[-1]),
             least_clearance_m=None if near is None else near.clearance_m,
-            touched=f"touched {near.name} at {near.time_s:z.0f} s" if near and near.touched else "",
+            touched=touched,
             tasks_done=len(run.done_s),
             object_m=object_m,
             object_rad=object_rad,
@@ -273,7 +275,8 @@ def object_errors(problem: Problem, truth: Truth) -> tuple[float | None, float |
 def _plain(truth: Truth) -> dict[str, Any]:
     """What really happened as plain data, without objects where there are none."""
     columns = {item.name: getattr(truth, item.name) for item in fields(Truth)}
-    squeezed, objects = columns.pop("squeezed"), columns.pop("objects")
+    squeezed, objects, touched = (columns.pop(name) for name in ("squeezed", "objects", "touched"))
+    del touched  # it stands in the metrics
     there = {"objects": objects.tolist(), "squeezed": squeezed} if objects.size else {}
     return {**{name: column.tolist() for name, column in columns.items()}, **there}
 
