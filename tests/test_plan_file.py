@@ -45,7 +45,7 @@ from twosra_mpc.effort import Ending
 from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.plan import Cost, percent
-from twosra_mpc.plans.setpoints import rows
+from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.robot.description import Robot, segment_model
 
@@ -231,8 +231,8 @@ def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Result, tmp_path
     assert made.samples.t_s.tolist() == [0.0]
     empty.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").to_dict() == empty.to_dict()
-    _, regular = rows(made.trajectory.held(10.0))
-    assert regular.tolist() == rows(made.samples)[1].tolist()
+    regular, own = columns(made.trajectory.held(10.0)), columns(made.samples)
+    assert [regular[name].tolist() for name in own] == [own[name].tolist() for name in own]
 
 
 def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Result, tmp_path: Path) -> None:
@@ -597,13 +597,13 @@ def test_the_csv_file_is_the_samples_with_wheel_speeds_that_hold(
 @lru_cache(maxsize=64)
 def held(some: Plan, rate_Hz: float) -> dict[str, Array]:
     """Columns of the set-points at a rate by name of the samples' array."""
-    names, values = rows(some.trajectory.held(rate_Hz))
-    assert ",".join(names) == HEADER
+    named = columns(some.trajectory.held(rate_Hz))
+    assert ",".join(named) == HEADER
     widths = [1 if name == "t_s" else WIDTHS[name] for name in ORDER]
-    parts = np.split(values, np.cumsum(widths)[:-1], axis=1)
-    columns = dict(zip(ORDER, parts, strict=True))
-    columns["t_s"] = columns["t_s"].ravel()
-    return columns
+    parts = np.split(np.column_stack(list(named.values())), np.cumsum(widths)[:-1], axis=1)
+    found = dict(zip(ORDER, parts, strict=True))
+    found["t_s"] = found["t_s"].ravel()
+    return found
 
 
 @pytest.mark.parametrize("rate_Hz", [0.001, 0.3, 1.0, 2.3])

@@ -35,7 +35,7 @@ from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import Origin, player, report_page, words, write_report
 from twosra_mpc.report import page as page_module
-from twosra_mpc.report.lanes import MOST_ROWS, Thermometer, lanes, setpoint_table, ticks
+from twosra_mpc.report.lanes import Thermometer, lanes, ticks
 from twosra_mpc.report.words import scenario_toml
 from twosra_mpc.robot.path_fitting import with_path_model
 
@@ -114,36 +114,6 @@ def test_the_plan_in_the_page_is_the_plan(paper: Result, page: str, tmp_path: Pa
     for item in fields(Samples):
         expected = getattr(paper.plan.samples, item.name)
         assert np.array_equal(getattr(saved.plan.samples, item.name), expected)
-
-
-def test_the_set_points_are_the_whole_grid(paper: Result, page: str) -> None:
-    table = setpoint_table(paper.plan.samples)
-    assert len(table.cells) == len(paper.plan.samples) == len(table.time_s)
-    assert table.words in unescape(page)
-    assert [float(row[0]) for row in table.cells] == pytest.approx(table.time_s, abs=5e-5)
-    column = table.names.index("kappa1_per_m")
-    kappa = np.array([[float(cell) for cell in row[column : column + 2]] for row in table.cells])
-    assert np.abs(kappa - paper.plan.samples.q[:, 3:]).max() <= 5e-4
-
-
-def test_a_very_long_table_is_thinned_and_says_so(paper: Result) -> None:
-    count = 2 * MOST_ROWS + 1
-    widths = {
-        "t_s": (count,),
-        "q": (count, 5),
-        "v": (count, 5),
-        "a": (count, 5),
-        "wheel_rad_s": (count, 4),
-    }
-    columns = {item.name: np.zeros(widths.get(item.name, (count, 2))) for item in fields(Samples)}
-    columns["t_s"] = np.arange(count) / 8
-    table = setpoint_table(Samples(**columns))  # type: ignore[arg-type]
-    assert len(table.cells) <= MOST_ROWS + 1
-    assert table.time_s[0] == 0.0
-    assert table.time_s[-1] == (count - 1) / 8
-    assert table.words.startswith(
-        f"{len(table.cells)} of {count} rows of the plan's own grid, one in 3"
-    )
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,6 @@ from twosra_mpc.plotting.plan_figures import (
     plot_plan,
 )
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
-from twosra_mpc.plotting.sweep_figure import draw_sweep, plot_sweep
 from twosra_mpc.plotting.timeline_figures import (
     TimeStretch,
     draw_configuration,
@@ -65,7 +64,6 @@ __all__ = [
     "draw_motion",
     "draw_outline",
     "draw_robot",
-    "draw_sweep",
     "draw_temperatures",
     "draw_timeline",
     "draw_wheel_speeds",
@@ -74,7 +72,6 @@ __all__ = [
     "plot_comparison",
     "plot_plan",
     "plot_run",
-    "plot_sweep",
     "robot_shape",
     "save_figure",
 ]

@@ -28,13 +28,12 @@ UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#262626"
 OBSTACLE_COLOUR, OBSTACLE_EDGE_COLOUR = "#d9d9d9", "#737373"
 TASK_COLOUR, NEAREST_COLOUR = "#12997c", "#e6007e"
 OBJECT_COLOURS = ("#d8b384", "#c3a5dd", "#8ccfd6", "#e9a9c0")
-CONTACT_COLOUR = "#76c800"
 STAGE_COLOUR = "0.15"  # where and when a task of a mission is done
 PLANNED_COLOUR = "0.35"  # what shall be: goals, references
 PALETTE = (
     *(RIGID_COLOUR, SOFT_COLOUR, CHANGING_COLOUR, FREEZING_COLOUR, *SEGMENT_COLOURS),
     *(UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR, TASK_COLOUR, NEAREST_COLOUR),
-    *(*OBJECT_COLOURS, CONTACT_COLOUR),
+    *OBJECT_COLOURS,
 )
 FAINT = 0.33  # opacity of a pose that is left behind
 DPI = 160  # of figures: a page's width in 1600 pixels

@@ -135,19 +135,9 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stretch) -> None:
     object_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
     touches = stage.task is not None and stage.task.touches
     ahead = None if touches else object_figures.UP
-    _draw_touched(ax, plan, ends.q[1], poses[1], 3, ahead)
-
-
-def _draw_touched(
-    ax: Axes, plan: Plan, q: Array, poses: Array, linewidth: float, ahead: Array | None = None
-) -> None:
-    """Draw objects at poses, named as ``draw_objects`` does, and what of the robot touches them."""
-    geometry, shape = plan.robot.geometry, robot_shape(plan.robot.geometry, q)
-    size_pt = 8.0 if linewidth == 5 else 7.0
-    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": size_pt}
-    object_figures.draw_objects(ax, plan.problem, poses, **style)
-    outlines = object_figures.outlines_m(plan.problem, poses)
-    object_figures.draw_contacts(ax, geometry, shape, outlines, linewidth)
+    shape = robot_shape(geometry, ends.q[1])
+    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": 7.0}
+    object_figures.draw_objects(ax, plan.problem, poses[1], **style)
 
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
@@ -193,12 +183,8 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
 
 def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
     """Draw where objects are first and last, and where each task is done."""
-    trajectory, ends = plan.trajectory, plan.trajectory.samples.q[[0, -1]]
+    trajectory = plan.trajectory
     object_figures.draw_ends(ax, trajectory)
-    poses = object_poses(trajectory, trajectory.samples.t_s[[-1]])[0]
-    shape = robot_shape(plan.robot.geometry, ends[1])
-    outlines = object_figures.outlines_m(plan.problem, poses)
-    object_figures.draw_contacts(ax, plan.robot.geometry, shape, outlines, 5)
     object_figures.draw_targets(ax, plan.problem, object_figures.targets(trajectory))
     for q in object_figures.goals(trajectory):
         plane.draw_outline(ax, plan.robot.geometry, q)

@@ -1,4 +1,4 @@
-"""The plan over time: lanes and curves by their places on a stretched time axis; set-points."""
+"""The plan over time: lanes and curves by their places on a stretched time axis."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals, stretches
 from twosra_mpc.plotting import TimeStretch
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, soft_segments
 
-MOST_ROWS = 1500  # a page with more of them is slow to scroll
 _DIGIT, _WIDE_DIGIT = 0.009, 0.028  # width of a tick label's digit on a wide and a narrow screen
 
 
@@ -150,43 +148,3 @@ def curve(t_s: Array, levels: Sequence[float], stretch: TimeStretch) -> str:
     """Levels, 0 to 100 from below, as an SVG ``points`` attribute in a box of 1000 by 100."""
     places = 1000 * stretch.forward(t_s)
     return " ".join(f"{x:z.2f},{100 - y:z.2f}" for x, y in zip(places, levels, strict=True))
-
-
-class SetpointTable(NamedTuple):
-    """Set-points as text.
-
-    Attributes:
-        names: Names of the columns, as in the CSV file.
-        cells: Rows of text.
-        time_s: Time of each row [s].
-        words: Which rows these are.
-    """
-
-    names: list[str]
-    cells: list[list[str]]
-    time_s: list[float]
-    words: str
-
-
-def setpoint_table(samples: Samples) -> SetpointTable:
-    """Return the plan's whole grid, or every k-th row and the last where it is very long."""
-    names, table = rows(samples)
-    step = -(-len(table) // MOST_ROWS)
-    shown = table[np.unique([*range(0, len(table), step), len(table) - 1])]
-    words = f"All {len(table)} rows of the plan's own grid"
-    if step > 1:
-        words = (
-            f"{len(shown)} of {len(table)} rows of the plan's own grid, one in {step} and"
-            " the last: the plan file has every row"
-        )
-    cells = [[_cell(n, value) for n, value in zip(names, row, strict=True)] for row in shown]
-    return SetpointTable(names, cells, shown[:, 0].tolist(), words)
-
-
-def _cell(name: str, value: float) -> str:
-    if name.startswith("mode"):
-        return str(int(value))
-    digits = 3 if name.endswith(("_rad_s", "_A", "per_m")) or name.startswith("melt_") else 4
-    digits = 2 if name.endswith("_C") else digits
-    text = f"{value:z.{digits}f}"
-    return text.removeprefix("-") if float(text) == 0 else text

@@ -25,7 +25,7 @@ from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import words
-from twosra_mpc.report.lanes import Thermometer, curve, lanes, setpoint_table, ticks
+from twosra_mpc.report.lanes import Thermometer, curve, lanes, ticks
 from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
@@ -133,9 +133,9 @@ def _verification(plan: Plan) -> dict[str, Any]:
 
 
 def _motion(plan: Plan) -> dict[str, Any]:
-    """Everything that is drawn: film, timeline, set-points, figure."""
+    """Everything that is drawn: film, timeline, figure."""
     playback, samples = plan_playback(plan), plan.trajectory.samples
-    scale, table = Thermometer.of(plan), setpoint_table(plan.trajectory.held())
+    scale = Thermometer.of(plan)
     start, *ends = (
         robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], *_goals(plan))
     )
@@ -145,7 +145,6 @@ def _motion(plan: Plan) -> dict[str, Any]:
     return {
         "data": {
             "film": film_of(plan, playback),
-            "row_s": table.time_s,
             "temperature_C": [scale.low_C, scale.high_C],
         },
         "moves": plan.trajectory.duration_s > 0.0,
@@ -159,7 +158,6 @@ def _motion(plan: Plan) -> dict[str, Any]:
         "ticks": ticks(playback.stretch),
         "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
         "thermometer": scale,
-        "table": table,
         "figure": picture_address(plot_plan(plan), "svg"),
     }
 

@@ -80,18 +80,13 @@ def _doing(playback: Playback, row: int) -> str:
 
 
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
-    """Poses of objects, (objects, 3), their names, and what of the robot at q touches them.
-
-    As SVG has it: transforms, places, and the data of one path [mm, y down].
-    """
-    geometry, shape = playback.geometry, robot_shape(playback.geometry, q)
+    """Poses of objects, (objects, 3), and places of their names beside the robot at q."""
+    shape = robot_shape(playback.geometry, q)
     outlines = object_figures.outlines_m(playback.problem, poses)
     sides = [object_figures.free_side(outline, shape) for outline in outlines]
-    parts = [part for each in outlines for part in object_figures.touching(geometry, shape, each)]
     return {
         "objects": [moved_to(pose) for pose in poses],
         "names": [_name_at(at, way) for at, way in sides],
-        "touched": " ".join(f"M{svg_points(part)}" for part in parts),
     }
 
 
