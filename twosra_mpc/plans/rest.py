@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from twosra_mpc.errors import InputError
@@ -11,8 +9,6 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem, Start
-from twosra_mpc.problem.tasks import Task
-from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.timing import transition_model
 
 _ALL = 1e-9  # metal that is molten but for so much is liquid
@@ -26,9 +22,10 @@ def rest_at(trajectory: Trajectory, time_s: float) -> Problem:
     """
     if not 0.0 <= time_s <= trajectory.duration_s:
         raise InputError("time_s", time_s, f"from 0 to {trajectory.duration_s:zg} s")
-    left, start = _tasks_left(trajectory, time_s), start_at(trajectory, time_s)
-    given = {"start": start, "objects": objects_at(trajectory, time_s), "tasks": left}
-    return trajectory.problem.with_values(**given)
+    done = sum(done_s <= time_s for done_s in trajectory.done_s)
+    left = trajectory.problem.tasks[done:]
+    given = {"start": start_at(trajectory, time_s), "objects": objects_at(trajectory, time_s)}
+    return trajectory.problem.with_values(**given, tasks=left)
 
 
 def start_at(trajectory: Trajectory, time_s: float) -> Start:
@@ -77,17 +74,3 @@ def _held(trajectory: Trajectory, time_s: float) -> str | None:
         if done_s <= time_s:
             held = task.about if task.takes else None if task.lets_go else held
     return held
-
-
-def _tasks_left(trajectory: Trajectory, time_s: float) -> Sequence[Task]:
-    """Tasks that are not done by then, in the order of the plan."""
-    problem, samples = trajectory.problem, trajectory.samples
-    if problem.is_mission:
-        return problem.tasks[sum(done_s <= time_s for done_s in trajectory.done_s) :]
-    path = samples.q[samples.t_s <= time_s, :POSE]
-    for number, task in enumerate(problem.passes):
-        met = task.met(path)
-        if not met.any():
-            return problem.tasks[number:]
-        path = path[met.argmax() :]
-    return ()
