@@ -18,10 +18,9 @@ from matplotlib.transforms import Bbox
 from once import simulated, solved
 
 from twosra_mpc import Plan
-from twosra_mpc.lab.figures import plot_error_decrease, plot_forward_kinematics
+from twosra_mpc.lab.figures import plot_comparison, plot_error_decrease, plot_forward_kinematics
 from twosra_mpc.plotting import (
     figures,
-    plot_comparison,
     plot_plan,
     plot_run,
 )

@@ -13,7 +13,6 @@ from twosra_mpc.plotting.film import Film as Film
 from twosra_mpc.plotting.film import animate_plan as animate_plan
 from twosra_mpc.plotting.film import check_animation_path as check_animation_path
 from twosra_mpc.plotting.plan_figures import plan_title as plan_title
-from twosra_mpc.plotting.plan_figures import plot_comparison as plot_comparison
 from twosra_mpc.plotting.plan_figures import plot_plan as plot_plan
 from twosra_mpc.plotting.plane import draw_outline as draw_outline
 from twosra_mpc.plotting.plane import draw_robot as draw_robot
