@@ -37,7 +37,7 @@ from twosra_mpc.report import Origin, player, report_page, words, write_report
 from twosra_mpc.report import page as page_module
 from twosra_mpc.report.lanes import Thermometer, lanes, ticks
 from twosra_mpc.report.words import scenario_toml
-from twosra_mpc.robot.path_fitting import with_path_model
+from twosra_mpc.robot.fitted_paths import with_path_model
 
 HOSTILE = (
     "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"

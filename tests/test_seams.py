@@ -53,7 +53,7 @@ ALLOWED = {
         *("space/", "problem/world.py", "problem/geojson.py", "checking/clearance.py"),
         "lab/worlds/",
     ),
-    "serial": ("execution/serial/port.py",),
+    "serial": ("lab/serial/port.py",),
     "mujoco": ("physics/",),
     "glfw": ("physics/",),
     "flint": CERTIFICATES,

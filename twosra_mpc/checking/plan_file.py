@@ -40,8 +40,8 @@ from twosra_mpc.problem.tolerances import (
 )
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
+from twosra_mpc.robot.fitted_paths import with_path_model
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.validation import ArrayValue
 
 _YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state

@@ -144,7 +144,7 @@ class Sent:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """True where the robot moves from each row to the next, (m,)."""
-        return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)
 
 
 def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:

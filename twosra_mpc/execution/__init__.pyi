@@ -11,9 +11,6 @@ from twosra_mpc.execution.robot_interface import RobotInterface as RobotInterfac
 from twosra_mpc.execution.run import Ending as Ending
 from twosra_mpc.execution.run import Run as Run
 from twosra_mpc.execution.run_log import load_run as load_run
-from twosra_mpc.execution.serial.robot import PoseSource as PoseSource
-from twosra_mpc.execution.serial.robot import SerialRobot as SerialRobot
-from twosra_mpc.execution.serial.robot import connected as connected
 from twosra_mpc.execution.settings import ExecutorSettings as ExecutorSettings
 from twosra_mpc.execution.settings import Patience as Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS as LEVELS
@@ -25,5 +22,4 @@ from twosra_mpc.execution.simulation.simulate import Simulation as Simulation
 from twosra_mpc.execution.simulation.simulate import Spread as Spread
 from twosra_mpc.execution.simulation.simulate import simulate as simulate
 from twosra_mpc.execution.simulation.simulate import spread as spread
-from twosra_mpc.execution.think_aside import ThinkAside as ThinkAside
 from twosra_mpc.robot.accuracy import Accuracy as Accuracy

@@ -193,8 +193,7 @@ class Motion:
     @property
     def end(self) -> Array:
         """Q after the last phase, shape (3 + n,)."""
-        final: Array = self.states[-1, -1]
-        return final
+        return self.states[-1, -1]
 
 
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:

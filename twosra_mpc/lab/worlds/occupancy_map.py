@@ -65,8 +65,7 @@ class OccupancyMap:
         """Points [m] of points (..., 2) in cells, to the nanometre."""
         *corner, yaw = self.origin
         turned = self.cell_m * cells @ rotation(yaw)
-        points: Array = np.round(np.array(corner) + turned, 9)
-        return points
+        return np.round(np.array(corner) + turned, 9)
 
 
 def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap:
