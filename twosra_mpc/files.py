@@ -15,10 +15,13 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_toml, near_word
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 _PACKAGE = Path(__file__).parent
 MOST_SIGNS = 200_000_000  # of a file that is read
@@ -40,6 +43,26 @@ def built_in_names(folder: str) -> list[str]:
 def data_file(path: str) -> str:
     """Text of a file of the package, e.g. ``report/page.css``."""
     return (_PACKAGE / path).read_text(encoding="utf-8")
+
+
+def environment(folder: str) -> Environment:
+    """Templates of a folder of the package; values are escaped, and none may be missing."""
+    from jinja2 import (  # who fills none in waits for none
+        Environment,
+        PackageLoader,
+        StrictUndefined,
+    )
+
+    made = Environment(
+        loader=PackageLoader("twosra_mpc", folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["number"] = lambda value, form, sign="": format(value, f"{sign}z{form}")
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    return made
 
 
 def locate(source: str | Path, folder: str, field: str) -> Path:

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.arguments import public
-from twosra_mpc.files import data_file, ending_of, write_text
+from twosra_mpc.files import data_file, ending_of, environment, write_text
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan, percent
 from twosra_mpc.plans.result import Result
@@ -68,7 +67,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         origin: The file the plan was read from, if any.
     """
     plan = result.plan
-    templates = environment()
+    templates = environment("report")
     templates.filters |= {"mode": mode_name, "percent": percent, "seconds": _seconds}
     style, script = data_file("report/page.css"), data_file("report/page.js")
     return templates.get_template("page.html").render(
@@ -94,20 +93,6 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         versions=words.versions(origin),
         effort=words.effort(result),
     )
-
-
-def environment(folder: str = "report") -> Environment:
-    """Templates of a folder of the package; values are escaped, and none may be missing."""
-    made = Environment(
-        loader=PackageLoader("twosra_mpc", folder),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.filters["number"] = lambda value, form, sign="": format(value, f"{sign}z{form}")
-    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    return made
 
 
 def policy(style: str, script: str) -> str:
