@@ -19,7 +19,7 @@ import bisect
 import itertools
 import math
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -31,6 +31,7 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import data_file
 from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.flow import weighted
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.rows import in_mode
@@ -102,20 +103,16 @@ def step_of_order_8(body: Body) -> ca.Function:
     sigma, jacobian = ca.SX.sym("sigma", segments), kinematics(body).jacobian
     slopes: list[ca.SX] = []
     for stage in _STAGES:
-        slopes.append(jacobian(q + _weighted(stage, slopes), sigma) @ s)
+        slopes.append(jacobian(q + weighted(stage, slopes), sigma) @ s)
     off_third = [a - b for a, b in zip(_EIGHTH, _THIRD, strict=True)]
-    after = q + _weighted(_EIGHTH, slopes)
+    after = q + weighted(_EIGHTH, slopes)
     scale = _ATOL + _RTOL * ca.fmax(ca.fabs(q), ca.fabs(after))
     fifth, third = (
-        ca.sumsqr(_weighted(off, slopes) / scale) / q.numel() for off in (_OFF_FIFTH, off_third)
+        ca.sumsqr(weighted(off, slopes) / scale) / q.numel() for off in (_OFF_FIFTH, off_third)
     )
     error = fifth / ca.sqrt(fifth + 0.01 * third + _NO_ERROR)
     told = ca.vertcat(error, ca.mmax(ca.fabs(after[POSE:])))
     return ca.Function("step_of_order_8", [q, s, sigma], [after, told])
-
-
-def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:
-    return sum((w * k for w, k in zip(weights, slopes, strict=True) if w), start=ca.SX(0))
 
 
 _MOST_CUTS = 2_000_000  # of all intervals

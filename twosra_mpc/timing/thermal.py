@@ -21,7 +21,7 @@ from twosra_mpc.thermal.heating import (
     TemperatureTrajectory,
 )
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.timing.network import Event, TemporalNetwork, handovers, overlaps
+from twosra_mpc.timing.network import Dwell, Event, TemporalNetwork, handovers, overlaps
 from twosra_mpc.timing.thermal_start import ThermalStart, thermal_start
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
@@ -82,8 +82,8 @@ class Thermal(TransitionModel):
         """What no history of each segment can undercut."""
         return self.start.least
 
-    def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        return self.start.refusal(sequence, last)
+    def coasts(self, liquid: Dwell, other: Dwell) -> bool:
+        return self.start.coasts(liquid, other)
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]

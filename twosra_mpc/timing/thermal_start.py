@@ -25,8 +25,6 @@ from twosra_mpc.timing.network import (
     events_of,
     handovers,
     longest_paths,
-    overlaps,
-    refused,
 )
 
 _LATER_S = 4.0  # over which it is seen how much sooner a freeze is that begins later
@@ -54,15 +52,7 @@ class ThermalStart:
         """What no history of each segment can undercut; one for segments that are alike."""
         return tuple(map(cache(LeastTimes), self.plans, self.states))
 
-    def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        """Why no heating with each heater on once around a soft phase gives it, or None."""
-        if self.heaters_at_once == 1:
-            for one, two, mode in overlaps(sequence, self.first, last):
-                if not self._coasts(one, two) and not self._coasts(two, one):
-                    return refused(mode)
-        return None
-
-    def _coasts(self, liquid: Dwell, other: Dwell) -> bool:
+    def coasts(self, liquid: Dwell, other: Dwell) -> bool:
         """Whether a segment might stay liquid without heat while the other one melts."""
         if other.melt is None:
             return False
