@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from matplotlib import rc_context
+from matplotlib import rc_context, rc_params_from_file
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -38,20 +38,9 @@ PALETTE = (
 FAINT = 0.33  # opacity of a pose that is left behind
 DPI = 160  # of figures: a page's width in 1600 pixels
 
-STYLE: dict[Any, Any] = {
-    "font.size": 9.5,
-    "axes.titlesize": "medium",
-    "figure.titlesize": 12,
-    "figure.titleweight": "bold",
-    "figure.facecolor": "white",
-    "figure.constrained_layout.h_pad": 0.06,
-    "legend.fontsize": 8.5,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "hatch.linewidth": 0.7,
-    "pdf.fonttype": 42,
-}
+STYLE: dict[Any, Any] = dict(
+    rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
+)
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 BEHIND_WORDS: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
