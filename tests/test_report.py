@@ -7,7 +7,6 @@ import hashlib
 import json
 import shlex
 from dataclasses import fields, replace
-from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -230,7 +229,7 @@ def test_the_certificate_says_what_is_proved(paper: Result, page: str) -> None:
     assert f"{made.cost.total - made.fastest_cost:.2f} s of them on purpose" in said
     assert f"{made.fastest_cost:.4f} s, proved within " in said
     assert "0.8 A until the set-point of 65 °C" in said
-    assert all(sentence in unescape(page) for sentence in words.caveat_sentences(paper))
+    assert "Obstacles and slipping wheels are not part of the model." in page
     weighed = paper.problem.with_values(heating="least_energy")
     said = " ".join(words.bound_sentences(replace(paper, problem=weighed)))
     assert "the duration in s + 10 s for every joule of heater energy" in said
@@ -258,7 +257,7 @@ def test_the_bound_of_a_mission_names_its_touches_and_phases() -> None:
 
 def test_without_a_bound_nothing_is_claimed() -> None:
     greedy = solved("paper-1", planner="greedy")
-    assert list(words.bound_sentences(greedy)) == []
+    assert words.bound_sentences(greedy) == []
     text = report_page(greedy)
     assert "What is proved" not in text
     assert "none proved" in text
@@ -293,6 +292,14 @@ def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
 # --- every status --------------------------------------------------------------------------------
 
 
+STATUS = {
+    Status.OPTIMAL: "proved to be within the asked gap of 1 % of the best",
+    Status.FEASIBLE: "The gap that is proved is more than 1e-07 %",
+    Status.INFEASIBLE: "It is proved that this problem has no plan",
+    Status.FAILED: "Undecided: no verified plan was found",
+}
+
+
 @pytest.mark.parametrize("status", list(Status))
 def test_every_status_has_a_report(paper: Result, status: Status, tmp_path: Path) -> None:
     found = status in (Status.OPTIMAL, Status.FEASIBLE)
@@ -304,7 +311,7 @@ def test_every_status_has_a_report(paper: Result, status: Status, tmp_path: Path
     made = replace(paper, status=status) if found else without_plan(paper, status)
     text = report_page(made)
     assert f'class="status {status}"' in text
-    assert words.status_sentence(made) in unescape(text)
+    assert STATUS[status] in text
     assert ("motion-data" in Page(text).by_id) == found
     assert ("<img" in text) == found
     assert result_in(text, tmp_path).to_dict() == made.to_dict()

@@ -23,6 +23,7 @@ from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
+from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.report import words
 from twosra_mpc.report.lanes import Thermometer, curve, lanes, ticks
 from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
@@ -79,9 +80,8 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         plan=plan,
         document=result.to_dict(),
         sequence=sequence_name(plan.sequence) if plan and plan.phases else "",
-        status_sentence=words.status_sentence(result),
-        bound_sentences=list(words.bound_sentences(result)),
-        caveat_sentences=list(words.caveat_sentences(result)),
+        tolerances=(DEFECT_TOLERANCE, GOAL_TOLERANCE),
+        bound_sentences=words.bound_sentences(result),
         verification=_verification(plan) if plan else None,
         path=in_words(critical_path(plan)) if plan else (),
         hidden=hidden_activities(plan) if plan else (),
@@ -91,7 +91,6 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         scenario=words.scenario_toml(result.problem),
         commands=words.commands(origin),
         versions=words.versions(origin),
-        effort=words.effort(result),
     )
 
 
@@ -110,8 +109,6 @@ def _hash(text: str) -> str:
 def _verification(plan: Plan) -> dict[str, Any]:
     check = plan.verification
     return {
-        "ok": check.ok,
-        "sentence": words.verification_sentence(check),
         "goal": words.goal_rows(plan.problem, check) if not plan.problem.ends_anywhere else [],
         "limits": words.limit_rows(plan, check),
     }
