@@ -16,12 +16,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
-from twosra_mpc.plans.trajectory import (
-    Phase,
-    Samples,
-    Stretch,
-    stretches,
-)
+from twosra_mpc.plans.trajectory import Phase, Samples, Stretch, stretches
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array

@@ -54,10 +54,7 @@ class Workspace(Value):
 
     def holding(self, points: Array) -> Workspace:
         """The box, no smaller than these points (..., 2) need with a millimetre around them."""
-        flat, (low, high) = (
-            check_size("points", points, 2).reshape(-1, 2),
-            self.corners_m,
-        )
+        flat, (low, high) = (check_size("points", points, 2).reshape(-1, 2), self.corners_m)
         low = np.minimum(low, flat.min(axis=0) - _AROUND_M).tolist()
         high = np.maximum(high, flat.max(axis=0) + _AROUND_M).tolist()
         x_m, y_m = zip(low, high, strict=True)

@@ -125,10 +125,7 @@ def _motion(plan: Plan) -> dict[str, Any]:
     box = filmed_box(plan.problem, shapes, seen_m(plan.trajectory))
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
-        "data": {
-            "film": film_of(plan, playback),
-            "temperature_C": [scale.low_C, scale.high_C],
-        },
+        "data": {"film": film_of(plan, playback), "temperature_C": [scale.low_C, scale.high_C]},
         "moves": plan.trajectory.duration_s > 0.0,
         "ghosts": [("start", pose(start)), *(("goal", pose(end)) for end in ends)],
         "mission": mission(plan.trajectory),

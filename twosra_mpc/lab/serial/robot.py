@@ -30,12 +30,7 @@ from twosra_mpc.lab.serial.port import (
     parse_report,
     stop_command,
 )
-from twosra_mpc.lab.serial.segments import (
-    MEDIAN_OF,
-    ColdSegment,
-    ModelledSegment,
-    ReportedSegment,
-)
+from twosra_mpc.lab.serial.segments import MEDIAN_OF, ColdSegment, ModelledSegment, ReportedSegment
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
