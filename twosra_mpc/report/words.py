@@ -22,6 +22,7 @@ from twosra_mpc.keys import describe
 from twosra_mpc.plans.plan import Plan, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import stretches
+from twosra_mpc.problem.limits import LIMITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.robot.modes import mode_name
@@ -92,16 +93,10 @@ def _residual(error: float) -> str:
 
 def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
     """Return the robot's limits with the least margin that the plan leaves to each."""
-    robot, heater = plan.robot, plan.robot.heater
-    limits = {
-        **robot.limits.model_dump(),
-        "temperature_max_C": heater.temperature_max_C,
-        "heater_current_A": heater.current_max_A,
-        "clearance_m": plan.problem.clearance_m,
-    }
     rows = []
     for name, margin in check.limits.items():
-        bound = f"{limits[name]:zg}" if name in limits else _NONE
+        most = LIMITS[name].asked(plan.problem)
+        bound = _NONE if most is None else f"{most:zg}"
         left = f"{margin:z.3g}" if margin else "0: used in full"
         rows.append(LimitRow(describe(name), bound, left))
     return rows
