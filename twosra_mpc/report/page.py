@@ -30,8 +30,6 @@ from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, p
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
-_FIBRE_MM = 6.0  # drawn width where the robot file does not say
-
 
 @public
 def check_report_path(path: str | Path) -> None:
@@ -132,7 +130,7 @@ def _motion(plan: Plan) -> dict[str, Any]:
         "box": box,
         "grid": _grid(box),
         "around": surroundings(plan.problem, playback.nearest, box),
-        "fibre_mm": _fibre_mm(plan),
+        "fibre_mm": 2e3 * playback.geometry.fibre_radius_m,
         "lanes": lanes(plan, playback.stretch),
         "ticks": ticks(playback.stretch),
         "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
@@ -147,12 +145,6 @@ def _goals(plan: Plan) -> list[Array]:
     if not plan.problem.ends_anywhere:
         reached[-1] = np.where(np.isnan(last), reached[-1], last)
     return reached
-
-
-def _fibre_mm(plan: Plan) -> float:
-    segment = plan.robot.segment
-    known = segment.fibre_diameter_m if segment else None
-    return _FIBRE_MM if known is None else 1e3 * known
 
 
 def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
