@@ -95,7 +95,7 @@ def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
     """Return the robot's limits with the least margin that the plan leaves to each."""
     rows = []
     for name, margin in check.limits.items():
-        most = LIMITS[name].asked(plan.problem)
+        most = LIMITS[name].asked(plan.problem) if name in LIMITS else None  # of a file: any name
         bound = _NONE if most is None else f"{most:zg}"
         left = f"{margin:z.3g}" if margin else "0: used in full"
         rows.append(LimitRow(describe(name), bound, left))
