@@ -34,7 +34,7 @@ from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import Origin, player, report_page, words, write_report
 from twosra_mpc.report import page as page_module
-from twosra_mpc.report.lanes import Thermometer, lanes, ticks
+from twosra_mpc.report.player import Thermometer, lanes, ticks
 from twosra_mpc.report.words import scenario_toml
 from twosra_mpc.robot.fitted_paths import with_path_model
 

@@ -25,8 +25,18 @@ from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.report import words
-from twosra_mpc.report.lanes import Thermometer, curve, lanes, ticks
-from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
+from twosra_mpc.report.player import (
+    ARC_POINTS,
+    Thermometer,
+    curve,
+    film_of,
+    filmed_box,
+    lanes,
+    mission,
+    pose,
+    surroundings,
+    ticks,
+)
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
