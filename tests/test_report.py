@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 import shlex
 from dataclasses import fields, replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -271,22 +273,35 @@ def test_a_gap_is_written_with_the_digits_that_count(share: float, text: str) ->
     assert percent(share) == text
 
 
-def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
+def table(text: str, caption: str) -> list[list[str]]:
+    """Cells of a table of a page."""
+    whole = re.search(f"<caption>{caption}.*?</table>", text, re.DOTALL)
+    assert whole
+    rows = re.findall(r"<tr>(<td.*?)</tr>", whole[0], re.DOTALL)
+    return [[unescape(cell) for cell in re.findall("<td[^>]*>(.*?)</td>", row)] for row in rows]
+
+
+def test_the_verification_is_told_with_its_numbers(paper: Result, page: str) -> None:
     made = paper.require()
     check = made.verification
-    rows = {row.name: row for row in words.limit_rows(made, check)}
+    rows = {name: (limit, margin) for name, limit, margin in table(page, "Limits")}
     assert len(rows) == len(check.limits)
-    assert rows["wheel speed [rad/s]"].limit == "10"
-    assert rows["wheel acceleration [rad/s2]"].limit == "5"
-    assert 0 <= float(rows["wheel acceleration [rad/s2]"].margin) < 0.02  # in the quickest phase
-    assert rows["curvature [1/m]"].margin == "40.5"
-    assert rows["unit gap [m]"].limit == "0"
+    assert rows["wheel speed [rad/s]"][0] == "10"
+    limit, margin = rows["wheel acceleration [rad/s2]"]
+    assert limit == "5"
+    assert 0 <= float(margin) < 0.02  # in the quickest phase
+    assert rows["curvature [1/m]"][1] == "40.5"
+    assert rows["unit gap [m]"][0] == "0"
     free = paper.problem.with_values(goal=Goal(x_m=0.2, tolerance={"x_m": 0.01}))  # type: ignore[arg-type]
-    goal = words.goal_rows(free, replace(check, goal_error=(-0.5, 0, 0, 0, float("nan"))))
-    assert goal[0] == ("x", "m", "0.2 ± 0.01", "5.0e-01")
-    assert [row.asked for row in goal[1:]] == ["free"] * 4
-    lost = replace(check, goal_error=(float("nan"),) * 5)
-    assert words.goal_rows(free, lost)[0].error == "not reached"
+    trajectory = replace(made.trajectory, problem=free)
+    missed = replace(check, goal_error=(-0.5, 0.0, 0.0, 0.0, float("nan")))
+    plan = replace(made, trajectory=trajectory, verification=missed)
+    goal = table(report_page(replace(paper, problem=free, plan=plan)), "Goal")
+    assert goal[0] == ["x", "0.2 ± 0.01", "5.0e-01", "m"]
+    assert [row[1] for row in goal[1:]] == ["free"] * 4
+    lost = replace(plan, verification=replace(check, goal_error=(float("nan"),) * 5))
+    text = report_page(replace(paper, problem=free, plan=lost))
+    assert table(text, "Goal")[0][2] == "not reached"
 
 
 # --- every status --------------------------------------------------------------------------------

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,16 @@ import numpy as np
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.arguments import public
 from twosra_mpc.files import data_file, ending_of, environment, write_text
+from twosra_mpc.keys import describe
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Plan, percent
+from twosra_mpc.plans.plan import Plan, Verification, percent
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
+from twosra_mpc.problem.limits import LIMITS
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.report import words
 from twosra_mpc.report.player import (
@@ -39,6 +44,8 @@ from twosra_mpc.report.player import (
 )
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
+
+_COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
 
 @public
@@ -77,7 +84,12 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
     """
     plan = result.plan
     templates = environment("report")
-    templates.filters |= {"mode": mode_name, "percent": percent, "seconds": _seconds}
+    templates.filters |= {
+        "mode": mode_name,
+        "described": describe,
+        "percent": percent,
+        "seconds": _seconds,
+    }
     style, script = data_file("report/page.css"), data_file("report/page.js")
     return templates.get_template("page.html").render(
         policy=policy(style, script),
@@ -90,7 +102,9 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         sequence=sequence_name(plan.sequence) if plan and plan.phases else "",
         tolerances=(DEFECT_TOLERANCE, GOAL_TOLERANCE),
         bound_sentences=words.bound_sentences(result),
-        verification=_verification(plan) if plan else None,
+        goal=_goal(result.problem, plan.verification) if plan else (),
+        limits=LIMITS,
+        finite=math.isfinite,
         path=in_words(critical_path(plan)) if plan else (),
         hidden=hidden_activities(plan) if plan else (),
         tasks=words.task_rows(plan) if plan else [],
@@ -112,14 +126,6 @@ def policy(style: str, script: str) -> str:
 
 def _hash(text: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
-
-
-def _verification(plan: Plan) -> dict[str, Any]:
-    check = plan.verification
-    return {
-        "goal": words.goal_rows(plan.problem, check) if not plan.problem.ends_anywhere else [],
-        "limits": words.limit_rows(plan, check),
-    }
 
 
 def _motion(plan: Plan) -> dict[str, Any]:
@@ -147,6 +153,15 @@ def _motion(plan: Plan) -> dict[str, Any]:
         "thermometer": scale,
         "figure": picture_address(plot_plan(plan), "svg"),
     }
+
+
+def _goal(problem: Problem, check: Verification) -> Iterable[tuple[Any, ...]]:
+    """Name, unit, middle, half-width and error of each coordinate of a goal."""
+    if problem.ends_anywhere:
+        return ()
+    goal, units = problem.goal, problem.robot.coordinates.units
+    box = goal.configuration.tolist(), goal.half_width.tolist()
+    return zip(_COORDINATES, units, *box, check.goal_error, strict=False)
 
 
 def _goals(plan: Plan) -> list[Array]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import platform
 import shlex
 from importlib.metadata import version
@@ -18,11 +17,9 @@ import tomlkit
 from twosra_mpc.arguments import public
 from twosra_mpc.files import environment
 from twosra_mpc.installation import __version__
-from twosra_mpc.keys import describe
-from twosra_mpc.plans.plan import Plan, Verification, above_bound, percent, within
+from twosra_mpc.plans.plan import Plan, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import stretches
-from twosra_mpc.problem.limits import LIMITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.robot.modes import mode_name
@@ -30,24 +27,6 @@ from twosra_mpc.timing import transition_model
 
 _NONE = "\N{EN DASH}"
 _LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numbers come from
-_COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
-
-
-class GoalRow(NamedTuple):
-    """One coordinate of the goal: what was asked, and how far the re-integrated plan is from it."""
-
-    name: str
-    unit: str
-    asked: str
-    error: str
-
-
-class LimitRow(NamedTuple):
-    """One limit of the robot and the margin that the plan leaves to it."""
-
-    name: str
-    limit: str
-    margin: str
 
 
 def bound_sentences(result: Result) -> list[str]:
@@ -68,38 +47,6 @@ def bound_sentences(result: Result) -> list[str]:
         within=within,
     )
     return text.splitlines()
-
-
-def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
-    """Return the goal coordinate by coordinate, with the error after re-integration."""
-    rows = []
-    goal, width = problem.goal.configuration.tolist(), problem.goal.half_width.tolist()
-    units = problem.robot.coordinates.units
-    items = zip(_COORDINATES, units, goal, width, check.goal_error, strict=False)
-    for name, unit, asked, box, error in items:
-        if math.isnan(asked):
-            rows.append(GoalRow(name, unit, "free", _NONE))
-        else:
-            words = f"{asked:zg}" + (f" ± {box:z.2g}" if box else "")
-            rows.append(GoalRow(name, unit, words, _residual(error)))
-    return rows
-
-
-def _residual(error: float) -> str:
-    if not math.isfinite(error):
-        return "not reached"
-    return f"{abs(error):z.1e}" if error else "0"
-
-
-def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
-    """Return the robot's limits with the least margin that the plan leaves to each."""
-    rows = []
-    for name, margin in check.limits.items():
-        most = LIMITS[name].asked(plan.problem) if name in LIMITS else None  # of a file: any name
-        bound = _NONE if most is None else f"{most:zg}"
-        left = f"{margin:z.3g}" if margin else "0: used in full"
-        rows.append(LimitRow(describe(name), bound, left))
-    return rows
 
 
 class TaskRow(NamedTuple):
