@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.plans.rest import objects_at, start_at
+from twosra_mpc.plans.plan import objects_at, start_at
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere

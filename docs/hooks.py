@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent
 GALLERY = "gallery.md"
 PUBLIC = (
     *("", ".execution", ".execution.tracking", ".plotting", ".report"),
-    *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper"),
+    *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper", ".lab.serial"),
 )
 sys.path.append(str(ROOT))  # benchmarks are not installed
 TABLES = importlib.import_module("benchmarks.tables")

@@ -1,4 +1,4 @@
-"""Obstacles from a GeoJSON file: plan past them, and see all that the robot sweeps over.
+"""Obstacles from a GeoJSON file: plan past them, and see where it comes nearest.
 
 Coordinates are metres in the plane. A polygon may be concave; holes are free space.
 """
@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from twosra_mpc import Goal, Problem, Start, Workspace, load_robot, plan, read_obstacles
-from twosra_mpc.plotting import plot_sweep
+from twosra_mpc.plotting import plot_plan
 
 SHELF = [[-0.05, 0.05], [0.20, 0.05], [0.20, 0.09], [-0.01, 0.09], [-0.01, 0.30], [-0.05, 0.30]]
 CRATE = [[0.05, -0.25], [0.20, -0.25], [0.20, -0.12], [0.05, -0.12]]  # m
@@ -33,4 +33,4 @@ problem = Problem(
 made = plan(problem).require()
 print(made)
 print(f"nearest: {made.verification.limits['clearance_m']:.4f} m beyond the clearance")
-plot_sweep(made, "sweep-past-obstacles.png")
+plot_plan(made, "past-obstacles.png")

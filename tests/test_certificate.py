@@ -30,8 +30,8 @@ from twosra_mpc.planning.proof import Prover
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.fitted_paths import with_path_model
 from twosra_mpc.robot.modes import all_modes
-from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.timing import transition_model
 
 SHORTFALL = 5e-4  # of the bound that is reported

@@ -18,13 +18,11 @@ from matplotlib.transforms import Bbox
 from once import simulated, solved
 
 from twosra_mpc import Plan
-from twosra_mpc.lab.figures import plot_error_decrease, plot_forward_kinematics
+from twosra_mpc.lab.figures import plot_comparison, plot_error_decrease, plot_forward_kinematics
 from twosra_mpc.plotting import (
     figures,
-    plot_comparison,
     plot_plan,
     plot_run,
-    plot_sweep,
 )
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
@@ -56,7 +54,6 @@ FIGURES: dict[str, Callable[[Made], Iterator[Figure]]] = {
     "three segments": lambda made: one(plot_plan(made("three-segments"))),
     "mission": lambda made: one(plot_plan(made("pick-and-place"))),
     "among obstacles": lambda made: one(plot_plan(made("scattered"))),
-    "sweep": lambda made: one(plot_sweep(made("scattered"))),
     "film": lambda made: films(made("paper-1")),
     "film of a mission": lambda made: films(made("pick-and-place")),
     "comparison": lambda made: one(plot_comparison({"both": [made("paper-1"), made("paper-2")]})),

@@ -35,8 +35,7 @@ from twosra_mpc.plotting import (
 from twosra_mpc.plotting.film import LEAST
 from twosra_mpc.plotting.playback import PLACES, plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.report.lanes import lanes
-from twosra_mpc.report.player import film_of
+from twosra_mpc.report.player import film_of, lanes
 from twosra_mpc.robot.modes import all_modes
 
 SEGMENTS = 3

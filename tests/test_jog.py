@@ -18,8 +18,6 @@ from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.serial.port import stop_command
-from twosra_mpc.execution.serial.robot import RATE_HZ, STOPS
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.lab.bench.jog import (
     HEATED_S,
@@ -31,6 +29,8 @@ from twosra_mpc.lab.bench.jog import (
     ramped,
     wheels_of_twist,
 )
+from twosra_mpc.lab.serial.port import stop_command
+from twosra_mpc.lab.serial.robot import RATE_HZ, STOPS
 
 STOP = stop_command(2)
 STILL, COLD = np.zeros(4), (0, 0)

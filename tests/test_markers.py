@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.execution.serial.pose_lines import PoseLines
+from twosra_mpc.lab.serial.pose_lines import PoseLines
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.markers import (
     Marker,

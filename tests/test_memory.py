@@ -33,7 +33,7 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "lab/figures/paper_figures.py": "both_plans: five tasks",
     "lab/reproduction/simulations.py": "run, run_freely: five simulations",
     "planning/relaxation.py": "rate, speed_m_s: modes of one problem, gone with its search",
-    "timing/thermal_start.py": "least: gone once its segments have been asked for",
+    "timing/thermal.py": "least: gone once its segments have been asked for",
 }
 
 

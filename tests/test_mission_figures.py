@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from forged_missions import CUP_IN_B0, fetched, reshaped
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
 
 from twosra_mpc import Plan, load_problem
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
@@ -27,7 +25,6 @@ from twosra_mpc.plotting import (
     figures,
     object_figures,
     plot_plan,
-    plot_sweep,
     timeline_figures,
 )
 from twosra_mpc.plotting.playback import plan_playback
@@ -112,21 +109,6 @@ def test_a_plan_has_a_panel_a_task_and_says_when_each_is_done() -> None:
     first, last = drawn_objects(overview)
     assert first == pytest.approx(outlines(made, 0.0)[0])
     assert last == pytest.approx(outlines(made, made.duration_s)[0])
-    lines = [line for line in overview.lines if line.get_color() == figures.CONTACT_COLOUR]
-    assert not lines  # the cup is free at the end
-    assert [line for line in panels[0].lines if line.get_color() == figures.CONTACT_COLOUR]
-
-
-def test_what_is_carried_sweeps_too() -> None:
-    made = fetched()
-    (ax,) = plot_sweep(made).axes
-    *_, swept = [item for item in ax.collections if isinstance(item, PolyCollection)]
-    assert to_hex(swept.get_facecolor()[0]) == figures.OBJECT_COLOURS[0]
-    middles = np.array([path.vertices[:-1].mean(axis=0) for path in swept.get_paths()])
-    grasped_s, carried_s, _ = made.trajectory.done_s
-    there = object_poses(made.trajectory, np.linspace(grasped_s, carried_s, 100))[:, 0, :2]
-    assert np.linalg.norm(there[:, None] - middles, axis=-1).min(axis=1).max() < 0.02
-    assert [round(x, 3) for x in drawn_objects(ax)[0].mean(axis=0)] == [0.32, 0.1]
 
 
 def test_levels_keep_words_off_each_other_and_off_the_lines_of_others() -> None:
@@ -144,22 +126,6 @@ def test_levels_keep_words_off_each_other_and_off_the_lines_of_others() -> None:
             if one.to_s / 100 + timeline_figures.LETTER * (1 + len(words)) > other.to_s / 100:
                 assert levels[i] > levels[j]
         assert set(levels) == set(range(max(levels) + 1))
-
-
-def test_contact_is_where_fibre_and_object_meet() -> None:
-    geometry = load_problem("pick-and-place").robot.geometry
-    q, count = np.array([0.0, 0.0, 0.0, 20.0, 0.0]), 40
-    shape = robot_shape(geometry, q, count)
-    start, middle, end = shape.segments[0][[0, count // 2, -1]]
-    chords = np.array([middle - start, end - start])
-    centre = start + np.linalg.solve(2 * chords, (chords**2).sum(axis=1))
-    angles = np.arange(256) * np.pi / 128
-    for gap_m, touched in ((0.0, True), (0.001, True), (0.002, False)):
-        radius = 1 / 20.0 - geometry.fibre_radius_m - gap_m
-        disc = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])
-        parts = object_figures.touching(geometry, shape, disc)
-        whole = [len(part) == count and part == pytest.approx(shape.segments[0]) for part in parts]
-        assert any(whole) is touched
 
 
 def test_a_mission_without_a_goal_draws_none_and_prints_no_nan() -> None:
@@ -196,9 +162,6 @@ def test_the_report_moves_objects_and_has_a_table_of_tasks() -> None:
         x, y, phi = object_poses(made.trajectory, np.array([film["time_s"][frame]]))[0, 0].tolist()
         told = [float(part) for part in re.findall(r"-?[\d.]+", placed[0])]
         assert told == pytest.approx([1e3 * x, -1e3 * y, -np.degrees(phi)], abs=0.02)
-    touched = [bool(film["poses"][film["pose"][frame]]["touched"]) for frame in (0, 1000)]
-    assert touched == [False, False]
-    assert any(pose["touched"] for pose in film["poses"])
     assert len(re.findall('<polygon class="target"', text)) == 1
     assert "1 grasp cup" in text
     grasp, carry, release = task_rows(made)

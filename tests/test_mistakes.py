@@ -26,7 +26,7 @@ from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.files import locate
 from twosra_mpc.lab.batch.random_set import RandomSet
 from twosra_mpc.problem.goals import Goal
-from twosra_mpc.robot.path_fitting import with_path_model
+from twosra_mpc.robot.fitted_paths import with_path_model
 
 LONGEST = 260  # characters of a message without the list of what is known
 

@@ -23,13 +23,8 @@ from twosra_mpc.lab.figures.path_figure import (
     plot_paths,
     spiral_points,
 )
-from twosra_mpc.model.chain import fibre_end_pose
-from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
-from twosra_mpc.robot import path_fitting as fitting
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segments
-from twosra_mpc.robot.path_fitting import (
+from twosra_mpc.lab.identification import path_fitting as fitting
+from twosra_mpc.lab.identification.path_fitting import (
     CASES,
     SPIRAL_BENDS_RAD,
     CardioidFit,
@@ -40,6 +35,11 @@ from twosra_mpc.robot.path_fitting import (
     fit_spirals,
     fitted_path_tables,
 )
+from twosra_mpc.model.chain import fibre_end_pose
+from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segments
 
 Array = NDArray[np.float64]
 

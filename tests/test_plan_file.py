@@ -9,7 +9,6 @@ import json
 import math
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -45,7 +44,7 @@ from twosra_mpc.effort import Ending
 from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.plan import Cost, percent
-from twosra_mpc.plans.setpoints import rows
+from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.robot.description import Robot, segment_model
 
@@ -231,8 +230,8 @@ def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Result, tmp_path
     assert made.samples.t_s.tolist() == [0.0]
     empty.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").to_dict() == empty.to_dict()
-    _, regular = rows(made.trajectory.held(10.0))
-    assert regular.tolist() == rows(made.samples)[1].tolist()
+    regular, own = columns(made.trajectory.held(10.0)), columns(made.samples)
+    assert [regular[name].tolist() for name in own] == [own[name].tolist() for name in own]
 
 
 def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Result, tmp_path: Path) -> None:
@@ -597,13 +596,13 @@ def test_the_csv_file_is_the_samples_with_wheel_speeds_that_hold(
 @lru_cache(maxsize=64)
 def held(some: Plan, rate_Hz: float) -> dict[str, Array]:
     """Columns of the set-points at a rate by name of the samples' array."""
-    names, values = rows(some.trajectory.held(rate_Hz))
-    assert ",".join(names) == HEADER
+    named = columns(some.trajectory.held(rate_Hz))
+    assert ",".join(named) == HEADER
     widths = [1 if name == "t_s" else WIDTHS[name] for name in ORDER]
-    parts = np.split(values, np.cumsum(widths)[:-1], axis=1)
-    columns = dict(zip(ORDER, parts, strict=True))
-    columns["t_s"] = columns["t_s"].ravel()
-    return columns
+    parts = np.split(np.column_stack(list(named.values())), np.cumsum(widths)[:-1], axis=1)
+    found = dict(zip(ORDER, parts, strict=True))
+    found["t_s"] = found["t_s"].ravel()
+    return found
 
 
 @pytest.mark.parametrize("rate_Hz", [0.001, 0.3, 1.0, 2.3])
@@ -705,12 +704,7 @@ def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Result) -> None:
 # --- atomic writing ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("named", [False, True])
-def test_a_file_is_replaced_as_a_whole(
-    named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if named:  # as where a file cannot be without a name
-        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+def test_a_file_is_replaced_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target, seen = tmp_path / "some.txt", list[str]()
     write_text(target, "old")
     target.chmod(0o600)
@@ -727,18 +721,14 @@ def test_a_file_is_replaced_as_a_whole(
     assert target.stat().st_mode & 0o777 == 0o600
 
 
-@pytest.mark.parametrize("named", [False, True])
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
 @pytest.mark.parametrize("before", ["old", None])
 def test_a_failure_while_writing_changes_nothing(
     error: type[BaseException],
     before: str | None,
-    named: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if named:
-        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
     target = tmp_path / "some.txt"
     if before is not None:
         target.write_text(before, encoding="utf-8")
@@ -754,20 +744,6 @@ def test_a_failure_while_writing_changes_nothing(
     assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == (
         [before] if before is not None else []
     )
-
-
-@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files have names here")
-def test_a_killed_program_leaves_no_temporary_file(tmp_path: Path) -> None:
-    killed = (
-        "import os, signal, sys; from twosra_mpc.files import write_text\n"
-        "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "write_text(sys.argv[1], 'new')"
-    )
-    target = tmp_path / "some.txt"
-    target.write_text("old", encoding="utf-8")
-    ended = subprocess.run([sys.executable, "-c", killed, str(target)], check=False)
-    assert ended.returncode == -signal.SIGKILL
-    assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == ["old"]
 
 
 def test_what_a_link_points_to_is_written_and_a_pipe_is_written_through(tmp_path: Path) -> None:

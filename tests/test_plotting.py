@@ -25,6 +25,7 @@ from once import planned
 
 from twosra_mpc import InputError, load_problem, load_robot, plotting
 from twosra_mpc.files import data_file
+from twosra_mpc.lab.figures import plot_comparison
 from twosra_mpc.lab.figures.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
 from twosra_mpc.plans.trajectory import Phase, stiffness_intervals
 from twosra_mpc.plotting import (
@@ -41,7 +42,6 @@ from twosra_mpc.plotting import (
     draw_timeline,
     draw_wheel_speeds,
     plan_title,
-    plot_comparison,
     plot_plan,
     robot_shape,
 )

@@ -25,8 +25,8 @@ from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import interval_durations
+from twosra_mpc.robot.fitted_paths import with_path_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.robot.path_fitting import with_path_model
 
 Array = NDArray[np.float64]
 

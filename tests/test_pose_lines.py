@@ -25,11 +25,11 @@ from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot
 from twosra_mpc.execution import run_log
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.run_log import RunFile, load_run
-from twosra_mpc.execution.serial.port import stop_command
-from twosra_mpc.execution.serial.pose_lines import LATEST_S, PoseLines, pose_lines
-from twosra_mpc.execution.serial.robot import STOPS, SerialRobot
-from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
-from twosra_mpc.execution.think_aside import ThinkAside
+from twosra_mpc.lab.serial.port import stop_command
+from twosra_mpc.lab.serial.pose_lines import LATEST_S, PoseLines, pose_lines
+from twosra_mpc.lab.serial.robot import STOPS, SerialRobot
+from twosra_mpc.lab.serial.stream import Confirm, StreamError, stream
+from twosra_mpc.lab.serial.think_aside import ThinkAside
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.result import Result
@@ -244,7 +244,7 @@ def test_a_camera_needs_reports() -> None:
 # --- planning meanwhile --------------------------------------------------------------------------
 
 PUSH = np.array([0.0, 0.15, 0.0, 0.0, 0.0])
-PLANNER = "twosra_mpc.execution.serial.stream.find_plan"
+PLANNER = "twosra_mpc.lab.serial.stream.find_plan"
 
 
 def pushed(plan: Plan) -> SeenByLines:

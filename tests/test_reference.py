@@ -17,7 +17,7 @@ MODULES = [
     f"twosra_mpc{suffix}"
     for suffix in (
         *("", ".execution", ".execution.tracking", ".plotting", ".report"),
-        *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper"),
+        *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper", ".lab.serial"),
     )
 ]
 

@@ -20,7 +20,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.path_fitting import with_path_model
+from twosra_mpc.robot.fitted_paths import with_path_model
 
 ROBOT = load_robot("2sra-v1")
 TRIAL = "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"

@@ -128,8 +128,6 @@ def test_the_page_renders_without_a_complaint(report: Chrome, paper: Plan) -> No
     assert (
         report.execute_script(style, one(report, "#cursor")) == "absolute"
     )  # the style is allowed
-    rows = report.find_elements(By.CSS_SELECTOR, "#rows tbody tr")
-    assert len(rows) == len(paper.samples)
 
 
 def test_no_request_leaves_the_page(report: Chrome) -> None:
@@ -197,10 +195,6 @@ def test_stiffness_and_temperature_follow_the_slider(report: Chrome, paper: Plan
             data["state"][frame][0].endswith("ing") == data["state"][frame][1].endswith("ing")
             and (data["state"][frame][0] == data["state"][frame][1])
         )
-        marked = report.find_elements(By.CSS_SELECTOR, "#rows tr[aria-current]")
-        assert len(marked) == 1
-        low = float(marked[0].find_element(By.TAG_NAME, "td").text)
-        assert low <= data["time_s"][frame] + 1e-4
 
 
 def test_play_and_pause(report: Chrome) -> None:

@@ -11,7 +11,8 @@ from twosra_mpc import InputError, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.cli import main
 from twosra_mpc.lab.commands.fit_paths_command import write_fitted_robot
-from twosra_mpc.robot.path_fitting import PATH_MODELS, fit_spirals, with_path_model
+from twosra_mpc.lab.identification.path_fitting import fit_spirals, fitted_path_tables
+from twosra_mpc.robot.fitted_paths import PATH_MODELS, with_path_model
 from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 
@@ -90,6 +91,25 @@ def test_path_models_are_kept_swapped_or_fitted() -> None:
     spiral_again = with_path_model(fitted, "log_spiral_corrected")
     assert isinstance(spiral_again.path, LogSpiralPath)
     np.testing.assert_allclose(spiral_again.path.scale, robot.path.scale, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["2sra-v1", "2sr-v2"])
+def test_known_paths_are_those_that_are_fitted(name: str) -> None:
+    robot = with_path_model(load_robot(name), "arc")
+    for model, table in fitted_path_tables(robot).items():
+        known = with_path_model(robot, model).path.model_dump(mode="json")
+        assert known.keys() == table.keys()
+        for key, value in table.items():
+            assert known[key] == (
+                value if isinstance(value, str) else pytest.approx(value, rel=1e-5)
+            )
+
+
+def test_paths_of_other_lengths_are_fitted_first() -> None:
+    robot = load_robot("2sra-v1")
+    longer = robot.with_values(geometry=robot.geometry.with_values(middle_link_m=0.031))
+    with pytest.raises(InputError, match="twosra fit-paths"):
+        with_path_model(longer, "cardioid")
 
 
 @pytest.mark.parametrize("name", ["2sra-v1-paper", "2sra-v1", "2sr-v2", "3sra"])

@@ -14,7 +14,7 @@ from twosra_mpc import InputError, Plan, Problem, load_robot
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, RobotError
 from twosra_mpc.execution.run import Ending
-from twosra_mpc.execution.serial.robot import STOPS, connected
+from twosra_mpc.lab.serial.robot import STOPS, connected
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.result import Result
 

@@ -21,8 +21,10 @@ from conftest import Run
 from once import planned, solved
 from test_forged_plans import as_file, kept_warm
 
-from twosra_mpc.execution.serial import port as port_module
-from twosra_mpc.execution.serial.port import (
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.installation import install_command
+from twosra_mpc.lab.serial import port as port_module
+from twosra_mpc.lab.serial.port import (
     PortError,
     Report,
     SerialPort,
@@ -30,10 +32,8 @@ from twosra_mpc.execution.serial.port import (
     parse_report,
     stop_command,
 )
-from twosra_mpc.execution.serial.robot import STOPS
-from twosra_mpc.execution.serial.stream import StreamError, stream
-from twosra_mpc.execution.settings import Patience
-from twosra_mpc.installation import install_command
+from twosra_mpc.lab.serial.robot import STOPS
+from twosra_mpc.lab.serial.stream import StreamError, stream
 
 STOP = stop_command(2)
 

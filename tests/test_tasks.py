@@ -268,7 +268,7 @@ OBJECT_MISTAKES: dict[str, tuple[dict[str, Any], str, str]] = {
     "a polygon that crosses itself": (
         {"disc": None, "polygon_m": [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]},
         "objects.0.polygon_m",
-        "does not cross itself",
+        "does not cross or touch itself",
     ),
     "an outline and a polygon": (
         {"disc": None, "polygon_m": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "outline": "a.csv"},

@@ -28,9 +28,9 @@ def scene(*obstacles: dict[str, Any], **overrides: Any) -> Problem:
 @pytest.mark.parametrize(
     ("corners", "allowed"),
     [
-        ([[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]], "does not cross itself; its sides 1 and 3 do"),
-        ([[0, 0], [2, 0], [2, 1], [1, 0], [0, 1]], "does not cross itself; its sides 1 and 3 do"),
-        ([[0, 0], [1, 0], [1, 1], [1, 0], [0, 1]], "does not cross itself"),
+        ([[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]], "does not cross or touch itself"),
+        ([[0, 0], [2, 0], [2, 1], [1, 0], [0, 1]], "does not cross or touch itself"),
+        ([[0, 0], [1, 0], [1, 1], [1, 0], [0, 1]], "does not cross or touch itself"),
         ([[0, 0], [1, 0], [1, 0], [0, 1]], "each corner once; corner 3 is corner 2 again"),
         ([[0, 0], [1, 0], [0, 1], [0, 0]], "each corner once; corner 4 is corner 1 again"),
         ([[0, 0], [0.1, 0.1], [0.2, 0.2], [0.05, 0.05]], "do not lie on one line"),

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from once import planned, solved
@@ -19,8 +18,7 @@ from twosra_mpc import Plan, load_problem
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plotting import figures, plot_plan, plot_sweep
+from twosra_mpc.plotting import figures, plot_plan
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.plotting.world_figures import draw_world, names_m, shown_m
@@ -153,19 +151,3 @@ def test_a_workspace_is_drawn_to_its_edges() -> None:
     (box,) = drawn(ax)[1]
     assert box[:, 0].tolist() == [-1.0, 2.0]
     assert np.abs(box[:, 1]).min() >= 10.0
-
-
-def test_the_sweep_leaves_no_place_out_that_the_robot_passes() -> None:
-    made = among()
-    (ax,) = plot_sweep(made).axes
-    polygons, _, words = drawn(ax)
-    assert len(polygons) == len(made.problem.obstacles)
-    assert any("mm" in text for text in words)
-    solid = [item for item in ax.collections if isinstance(item, PolyCollection)]
-    assert len(solid) == len(made.phases)
-    for phase, pale in zip(made.phases, solid, strict=True):
-        seen = np.array([path.vertices[:4] for path in pale.get_paths()]).reshape(-1, 2)
-        q = made.trajectory.configuration(np.linspace(phase.start_s, phase.end_s, 30))
-        corners = robot_shape(made.robot.geometry, q, 2).wheels.reshape(-1, 2)
-        off = np.linalg.norm(corners[:, None] - seen[None], axis=-1).min(axis=1)
-        assert off.max() < 0.01

@@ -151,7 +151,7 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda _, result: result.require().trajectory.at("x"), "finite numbers"),
     (lambda _, result: result.require().trajectory.at([0.0, float("nan")]), "finite numbers"),
     (lambda _, result: result.require().trajectory.at([[0.0], [1.0]]), "a list of them"),
-    (lambda _, result: plotting.draw_sweep(plotting.plot_plan(result), result), "subplots"),  # type: ignore[arg-type]
+    (lambda _, result: plotting.draw_motion(plotting.plot_plan(result), result), "subplots"),  # type: ignore[arg-type]
     (lambda _, __: Executor("COM3"), r"SimulatedRobot\(problem\)"),  # type: ignore[arg-type]
     (lambda _, __: Executor(SimulatedRobot), r"SimulatedRobot\(problem\)"),  # type: ignore[arg-type]
     (lambda _, __: Camera(rate_Hz=-1), "more than 0"),

@@ -31,18 +31,11 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_word
 
-# Kind of value -> what makes one, where it is not the call of its class.
-MADE_BY = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_WORDS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+MADE_BY: dict[str, str] = _WORDS["made_by"]
 _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is given) -> its own
     ("Plan", "Result"): lambda result: result.require(),
     ("Geometry", "Robot"): lambda robot: robot.geometry,
-}
-_WRITTEN_BY = {  # what is given in place of a path -> how it becomes a file, or needs none
-    "dict": "a table of keys becomes one by Problem(**table), or Robot(**table).",
-    "Result": "result.save(path) writes it; result.require() is its plan.",
-    "Plan": "it is a plan already, and its result writes it: result.save(path).",
-    "Problem": "it is a problem already.",
-    "Robot": "it is a robot already.",
 }
 
 
@@ -307,7 +300,7 @@ def _of_class(kind: Any) -> Kind:
 def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
     """Say what makes a value of this kind."""
     classes = {each.__name__ for each in type(value).__mro__} if _PATH in kind.words else {}
-    hints = [words for each, words in _WRITTEN_BY.items() if each in classes]
+    hints = [words for each, words in _WORDS["written_by"].items() if each in classes]
     return InputError(name, value, kind.words, hint=(*hints, near_word(value, kind.names))[0])
 
 
@@ -340,18 +333,6 @@ def _check_bound(
     raise InputError(function, given[0] if len(given) == 1 else given, allowed)
 
 
-_SIZED = {  # what there are several of -> their words
-    "q": "{} numbers: x_m, y_m, phi_rad and the curvature of each segment in 1/m",
-    "widths": "{} numbers: of x_m, y_m, phi_rad and the curvature of each segment in 1/m",
-    "pose": "{} numbers: x_m, y_m, phi_rad",
-    "points": "points, each {} numbers: x and y in m",
-    "mode": "a mode: {} values, for each segment 1 (soft) or 0 (rigid)",
-    "kappa": "{} numbers: the curvature of each segment in 1/m",
-    "wheel_rad_s": "{} numbers: the speed of each wheel in rad/s",
-    "heater_setpoint_C": "{} numbers: the set-point of each segment in C",
-}
-
-
 def check_size(name: str, given: Any, size: int, what: str = "", reached: bool = False) -> Any:
     """Return an argument as an array of so many finite numbers, of 1 and 0 if it is a mode.
 
@@ -367,5 +348,5 @@ def check_size(name: str, given: Any, size: int, what: str = "", reached: bool =
         numbers = numbers[:, 0]
     shape = numbers.shape[-1:] if what == "points" else numbers.shape
     if shape != (size,) or not of_kind.all():
-        raise InputError(name, given, _SIZED[what].format(size))
+        raise InputError(name, given, _WORDS["sized"][what].format(size))
     return numbers

@@ -9,45 +9,33 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
-
-_UNITS = {  # ending of a key -> unit; the longest that fits counts
-    **{"_m": "m", "_s": "s", "_A": "A", "_C": "degrees C", "_J": "J", "_rad": "rad"},
-    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s", "_rad_s2": "rad/s2"},
-    **{"_per_m": "1/m", "_per_s": "1/s", "_per_K": "1/K", "_s_per_J": "s/J"},
-    **{"_J_per_K": "J/K", "_W_per_K": "W/K", "_K_per_s": "K/s", "_kg_per_m3": "kg/m3"},
-    **{"_kg": "kg", "_kg_per_m": "kg/m", "_N_m": "N m", "_N_m2": "N m2", "_N_m_s": "N m s"},
-    **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
-}
-OTHER_UNITS: dict[str, tuple[str, float, float]] = {  # ending -> (ours, factor, what is added)
-    **{"_deg": ("_rad", math.pi / 180, 0.0), "_degrees": ("_rad", math.pi / 180, 0.0)},
-    **{"_mm": ("_m", 1e-3, 0.0), "_cm": ("_m", 1e-2, 0.0), "_per_mm": ("_per_m", 1e3, 0.0)},
-    **{"_K": ("_C", 1.0, -273.15), "_min": ("_s", 60.0, 0.0), "_ms": ("_s", 1e-3, 0.0)},
-    **{"_mA": ("_A", 1e-3, 0.0), "_mm_s": ("_m_s", 1e-3, 0.0)},
-}
+from typing import Any
 
 
 @functools.cache
-def _glossary() -> dict[str, dict[str, str]]:
-    """Words: key -> what it is, where the key does not say it; aliases: key -> other names."""
+def _tables() -> dict[str, Any]:
+    """What ``keys.toml`` says of keys, units and likely mistakes."""
     return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def unit_of(key: str) -> str:
     """Unit of a key by its ending; empty if it has none."""
-    endings = sorted((end for end in _UNITS if f"_{key}".endswith(end)), key=len)
-    return _UNITS[endings[-1]] if endings else ""
+    units: dict[str, str] = _tables()["units"]
+    return units.get(
+        max((end for end in units if f"_{key}".endswith(end)), key=len, default=""), ""
+    )
 
 
 def stem_of(key: str) -> str:
     """Return a key without the ending that names its unit, also a unit that files do not use."""
-    endings = [end for end in (*_UNITS, *OTHER_UNITS) if key.endswith(end)]
+    known = (*_tables()["units"], *_tables()["other_units"])
+    endings = [end for end in known if key.endswith(end)]
     return key.removesuffix(max(endings, key=len)) if endings else key
 
 
 def describe(key: str) -> str:
     """Say what a key is, with its unit in brackets where it has one."""
-    words, unit = _glossary()["words"].get(key), unit_of(key)
+    words, unit = _tables()["words"].get(key), unit_of(key)
     if not unit:
         return words or key.replace("_", " ")
     return f"{words or stem_of(key).replace('_', ' ')} [{unit}]"
@@ -70,20 +58,20 @@ def near_word(word: object, words: Iterable[str]) -> str:
 
 def near_key(key: str, value: object, known: list[str]) -> str:
     """Ask for the key that was probably meant, with the value in its unit; empty if unknown."""
-    stem = stem_of(key)
+    stem, others = stem_of(key), _tables()["other_units"]
     same = [each for each in known if stem_of(each).lower() == stem.lower()]
-    aliases = _glossary()["aliases"]
+    aliases = _tables()["aliases"]
     same += [each for each in known if stem in aliases.get(each, "").split()]
     same += [each for each in known if sorted(each.split("_")) == sorted(key.split("_"))]
     if not same and stem in ("radius", "radii") and "kappa_per_m" in known:
         return "did you mean kappa_per_m, one over the radius?"
     if not same:
         return near_word(key, known)
-    ending = max((end for end in OTHER_UNITS if key.endswith(end)), key=len, default="")
+    ending = max((end for end in others if key.endswith(end)), key=len, default="")
     listed = isinstance(value, list | tuple)
     given = list(value) if isinstance(value, list | tuple) else [value]
     numbers = [each for each in given if isinstance(each, int | float)]
-    if not (ending and numbers and same[0].endswith(OTHER_UNITS[ending][0])):
+    if not (ending and numbers and same[0].endswith(others[ending][0])):
         return f"did you mean {same[0]}?"
     meant = ", ".join(_converted(float(number), ending) for number in numbers)
     return f"did you mean {same[0]} = {f'[{meant}]' if listed else meant}?"
@@ -106,27 +94,13 @@ def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str
         return f"did you mean {turns[1]}{radians:z.4g}, written out?"
     if (found := _NUMBER.fullmatch(value)) is None:
         return ""
+    others = _tables()["other_units"]
     number, unit = float(found[1].replace(",", ".")), f"_{_WRITTEN.get(found[2], found[2])}"
-    if unit in OTHER_UNITS and key.endswith(OTHER_UNITS[unit][0]):
+    if unit in others and key.endswith(others[unit][0]):
         return f"did you mean {_converted(number, unit)}, a bare number?"
     if unit == _SHARE and _SHARES.search(key):
         return f"did you mean {number / 100:zg}, a bare number?"
     return f"did you mean {number:zg}, without quotes?"
-
-
-_TOML = {  # what a line that is no TOML looks like -> what was probably meant
-    r"=\s*[-+]?\d+,\d+\s*(#.*)?$": "numbers have a decimal point, as in 0.15.",
-    r"[\[,]\s*[-+]?\d+,0\d*": "numbers have a decimal point, as in 0.15.",
-    r"=\s*[-+]?\d+,": "one number, or several in brackets: [0.1, 0.2].",
-    r"=\s*(True|False)\b": "true and false are written small.",
-    r"=\s*[-+.\d]+\s*[A-Za-z°]+\s*(#.*)?$": "numbers have no unit: it stands in the key.",
-    r"=\s*\(": "lists stand in brackets: [0.1, 0.2].",
-    r"=\s*[-+\d.* ]*pi\b": "numbers are written out, as in 1.571.",
-    r"=\s*[-\w]*[A-Za-z]": 'words stand in quotes, as in robot = "2sra-v1".',
-    r"^\s*[\w.]+\s*:": "this looks like YAML; TOML has [start] above, and x_m = 0.1.",
-    r"^\s*\[[^\]]*$": "a table begins with its name in brackets: [start].",
-    r"=\s*(#.*)?$": "a value is missing after =.",
-}
 
 
 def near_toml(text: str, error: str) -> str:
@@ -140,33 +114,12 @@ def near_toml(text: str, error: str) -> str:
         return "this looks like a table (CSV)."
     if re.match("Cannot (overwrite|declare)", error):
         return f"line {number} is {line.strip()[:40]!r}: that stands above already."
-    hint = next((words for looks, words in _TOML.items() if re.search(looks, line)), "")
+    looks = _tables()["lines"]
+    hint = next((words for like, words in looks.items() if re.search(like, line)), "")
     return f"line {number} is {line.strip()[:40]!r}: {hint}" if hint else ""
 
 
-class _Slip(NamedTuple):
-    """A number in another unit: of these keys, this large."""
-
-    keys: str  # regular expression, searched for in the dotted name
-    ending: str  # of OTHER_UNITS, or _share
-    least: float  # values from here on are suspicious
-
-
 _SHARES = re.compile(r"(^|\.)(gap|transition_quantile|fill|hold_duty)$")
-_SLIPS = (
-    _Slip(r"(clearance|gap)_m$", "_mm", 0.2),
-    _Slip(r"tolerance\.[xy]_m$|position_(tolerance_)?m$", "_mm", 0.5),
-    _Slip(r"^(start|goal|tasks(\.goal)?)\.[xy]_m$", "_mm", 5.0),
-    _Slip(r"^(geometry|segments?)\..*_m$|^objects.*\.radius_m$", "_mm", 1.0),
-    _Slip(r"(?<!per)_m$", "_mm", 100.0),
-    _Slip(r"^accuracy\.heading_rad$", "_deg", 0.5),
-    _Slip(r"tolerance\.phi_rad$", "_deg", 3.2),
-    _Slip(r"(phi|angle|smoothing|directions)_rad$", "_deg", 6.5),
-    _Slip(r"_C$", "_K", 230.0),
-    _Slip(r"_A$", "_mA", 20.0),
-    _Slip(r"_m_s$", "_mm_s", 2.0),
-    _Slip(_SHARES.pattern, _SHARE, 1.0),
-)
 _MINUTES = re.compile(r"^timing\..*\.(melt|freeze|heat|reconfigure)_s$|cooling_time_constant_s$")
 _LEAST_S = 10.0  # no segment melts or freezes faster
 _BENDS = re.compile(r"^(start|goal|tasks(\.goal)?)\.kappa_per_m$")
@@ -178,10 +131,10 @@ def other_unit(field: str, value: object) -> str:
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         return ""
     name = ".".join(part for part in field.split(".") if not part.isdigit())
-    for slip in _SLIPS:
-        size = value if slip.ending == _SHARE else abs(value)
-        if size >= slip.least and re.search(slip.keys, name):
-            return _meant(name, float(value), slip.ending)
+    for keys, ending, least in _tables()["slips"]:
+        size = value if ending == _SHARE else abs(value)
+        if size >= least and re.search(keys, name):
+            return _meant(name, float(value), ending)
     quick = 0 < value < _LEAST_S and _MINUTES.search(name)
     return _meant(name, float(value), "_min") if quick else ""
 
@@ -220,5 +173,5 @@ def _meant(field: str, value: float, ending: str) -> str:
 
 
 def _converted(value: float, ending: str) -> str:
-    _, factor, added = OTHER_UNITS[ending]
+    _, factor, added = _tables()["other_units"][ending]
     return f"{factor * value + added:z.4g}"

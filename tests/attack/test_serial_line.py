@@ -11,8 +11,8 @@ import pytest
 from once import planned
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
 from twosra_mpc.interrupts import deferred_interrupts
+from twosra_mpc.lab.serial.stream import Confirm, StreamError, stream
 
 Reports = Callable[[float, int, float], bytes]
 

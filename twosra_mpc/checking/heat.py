@@ -30,9 +30,8 @@ from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
 from twosra_mpc.timing.transitions import own_transitions
 
-Commands = Callable[
-    [Array], tuple[Array, Array]
-]  # times -> set-points [C], currents [A]; NaN: hold
+# times -> set-points [C], currents [A]; NaN: hold
+Commands = Callable[[Array], tuple[Array, Array]]
 
 
 def heating_problems(trajectory: Trajectory) -> Iterator[str]:
@@ -73,7 +72,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     model, states = problem.segment_models[segment], trajectory.metal[segment]
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
-    yield from _policy_problems(trajectory, segment, own, model, states)
+    yield from _policy_problems(trajectory, segment, own)
     level = model.level(states)
     missed = _missed(model)
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
@@ -100,15 +99,15 @@ def _metal_problems(
     samples: Samples, segment: int, temperature: Array, fraction: Array
 ) -> Iterator[str]:
     """The samples have the temperatures and melt fractions that follow from the heating."""
-    name = f"segment {segment + 1}"
-    apart = np.abs(temperature - samples.temperature_C[:, segment])
-    if apart.max() > TEMPERATURE_TOLERANCE_C:
-        when = samples.t_s[int(np.argmax(apart))]
-        yield f"{name}: its currents make it {apart.max():z.3g} C warmer or colder at {when:z.3f} s"
-    apart = np.abs(fraction - samples.melt_fraction[:, segment])
-    if apart.max() > FRACTION_TOLERANCE:
-        when = samples.t_s[int(np.argmax(apart))]
-        yield f"{name}: its currents melt {apart.max():z.3g} more or less of it at {when:z.3f} s"
+    warmer = np.abs(temperature - samples.temperature_C[:, segment])
+    softer = np.abs(fraction - samples.melt_fraction[:, segment])
+    for apart, most, verb, what in (
+        (warmer, TEMPERATURE_TOLERANCE_C, "make it", "C warmer or colder"),
+        (softer, FRACTION_TOLERANCE, "melt", "more or less of it"),
+    ):
+        if apart.max() > most:
+            told = f"{verb} {apart.max():z.3g} {what} at {samples.t_s[int(apart.argmax())]:z.3f} s"
+            yield f"segment {segment + 1}: its currents {told}"
 
 
 def _command_problems(
@@ -140,15 +139,11 @@ class _Span(NamedTuple):
 
 
 def _policy_problems(
-    trajectory: Trajectory,
-    segment: int,
-    own: tuple[Transition, ...],
-    model: SegmentModel,
-    states: tuple[Array, ...],
+    trajectory: Trajectory, segment: int, own: tuple[Transition, ...]
 ) -> Iterator[str]:
     """The heater follows the policy, given what its currents have made of the metal."""
-    samples = trajectory.samples
-    spans = list(_policy(trajectory, segment, own, model, states))
+    samples, model = trajectory.samples, trajectory.problem.segment_models[segment]
+    spans = list(_policy(trajectory, segment, own))
     starts, current, setpoint = (np.array(column) for column in zip(*spans, strict=True))
 
     def commands(t: Array) -> tuple[Array, Array]:
@@ -159,21 +154,16 @@ def _policy_problems(
     asked, holds = commands(samples.t_s - TIME_TOLERANCE_S)
     held = np.isnan(holds) & np.isnan(commands(samples.t_s + TIME_TOLERANCE_S)[1])
     off_C = HOLD_TOLERANCE_C + model.replay_tolerance * np.abs(asked - trajectory.problem.ambient)
-    wrong = held & (np.abs(model.temperature_C(states) - asked) > off_C)
+    wrong = held & (np.abs(model.temperature_C(trajectory.metal[segment]) - asked) > off_C)
     if wrong.any():
         held_C = f"hold the {asked[wrong][0]:zg} C of the heating policy"
         yield f"at {samples.t_s[wrong][0]:z.3f} s heater {segment + 1} does not {held_C}"
 
 
-def _policy(
-    trajectory: Trajectory,
-    segment: int,
-    own: tuple[Transition, ...],
-    model: SegmentModel,
-    states: tuple[Array, ...],
-) -> Iterator[_Span]:
+def _policy(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[_Span]:
     """Course of the policy for a heater that is switched at these transitions."""
     problem, samples = trajectory.problem, trajectory.samples
+    model, states = problem.segment_models[segment], trajectory.metal[segment]
     heater, first = problem.robot.heater, "soft" if problem.start_mode[segment] else "rigid"
     warm_C = problem.segment_thresholds_C[segment][0] - KEEP_WARM_BELOW_C
     warms = problem.heating == "keep_warm" and problem.heaters_at_once == len(problem.start_mode)

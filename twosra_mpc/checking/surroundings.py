@@ -68,7 +68,7 @@ def examine_around(trajectory: Trajectory, reached: Array) -> Around:
     if sweep is None or not np.isfinite(sweep.q).all():  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
         where = CLEARANCE if in_the_way else WORKSPACE
-        return Around({where: -1.0}, {where: lost}, ())
+        return Around({where.name: -1.0}, {where.name: lost}, ())
     if wrong := tuple(times_wrong(trajectory)):
         return Around({}, {}, wrong)
     found = {WORKSPACE: _within_m(problem, sweep)}
@@ -82,9 +82,9 @@ def examine_around(trajectory: Trajectory, reached: Array) -> Around:
             WORKSPACE: itertools.chain(found[WORKSPACE], clearance.within_m(problem, sweep, of)),
             SOFT_TRAVEL: _soft_travel(trajectory, sweep),
         }
-    worst = {name: min(own, key=lambda m: m[0], default=None) for name, own in found.items()}
-    margins = {name: least[0] for name, least in worst.items() if least}
-    words = {name: least[1] for name, least in worst.items() if least and least[0] < 0}
+    worst = {limit: min(own, key=lambda m: m[0], default=None) for limit, own in found.items()}
+    margins = {limit.name: least[0] for limit, least in worst.items() if least}
+    words = {limit.name: least[1] for limit, least in worst.items() if least and least[0] < 0}
     return Around(margins, words, tuple(mission_problems(trajectory, sweep)))
 
 
@@ -157,8 +157,7 @@ class Done(NamedTuple):
     @property
     def q(self) -> Array:
         """Configuration of the robot then, as integrated, (3 + n,)."""
-        found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
-        return found
+        return self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
 
     def number(self, name: str) -> int:
         """Number of an object, from 0."""

@@ -21,7 +21,7 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.driven import Driven, margins
-from twosra_mpc.problem.limits import WHEEL_SPEED, settled
+from twosra_mpc.problem.limits import CURRENT, TEMPERATURE, WHEEL_SPEED, settled
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
@@ -214,15 +214,15 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
 
 def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
-    limits, heater = problem.robot.limits, problem.robot.heater
     left = dict(margins(problem.robot, samples.q, samples.v, samples.a, moving))
     used = {  # wheel speeds: also what is sent, whatever the model says
-        WHEEL_SPEED.name: (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
-        "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
-        "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
+        WHEEL_SPEED: np.abs(samples.wheel_rad_s).max(),
+        TEMPERATURE: samples.temperature_C.max(),
+        CURRENT: samples.heater_current_A.max(),
     }
-    for name, (value, limit) in used.items():
-        left[name] = min(left.get(name, np.inf), settled(float(limit - value), limit))
+    for limit, value in used.items():
+        most = limit.asked(problem) or 0.0
+        left[limit.name] = min(left.get(limit.name, np.inf), settled(float(most - value), most))
     return {name: margin for name, margin in left.items() if np.isfinite(margin)}
 
 

@@ -153,7 +153,7 @@ def _load(
         problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
     if path_model is None:
         return problem
-    from twosra_mpc.robot.path_fitting import with_path_model  # CasADi takes a second
+    from twosra_mpc.robot.fitted_paths import with_path_model  # CasADi takes a second
 
     return problem.with_values(robot=with_path_model(problem.robot, path_model))
 

@@ -262,8 +262,8 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
     """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 
     The page needs nothing else and asks nothing of any network: send it as it is. It has the plan
-    in numbers, what is proved and what was verified, an animation, figures, set-points, and the
-    scenario and robot to plan it again. A plan file that holds no plan has a report with the
+    in numbers, what is proved and what was verified, an animation, figures, and the scenario and
+    robot to plan it again. A plan file that holds no plan has a report with the
     reason.
 
     \b

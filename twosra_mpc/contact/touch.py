@@ -157,8 +157,7 @@ def room_m(
     robot: Robot, contour: Contour, q: Array, segments: tuple[int | None, ...], gap_m: float
 ) -> Array:
     """Distance of the parts of configurations (m, 3 + n) beyond a gap, (m,) [m]."""
-    least: Array = _rooms_m(robot, contour, q, segments, gap_m).min(axis=0)
-    return least
+    return _rooms_m(robot, contour, q, segments, gap_m).min(axis=0)
 
 
 def _rooms_m(
@@ -335,8 +334,7 @@ def _chains(geometry: Geometry) -> list[tuple[int, ...]]:
 
 def _turned(poses: Array, side: int) -> Array:
     """Poses, turned round for -y to be on the outline."""
-    turned: Array = poses + np.array([0.0, 0.0, 0.0 if side > 0 else np.pi])
-    return turned
+    return poses + np.array([0.0, 0.0, 0.0 if side > 0 else np.pi])
 
 
 def _close_chain(

@@ -19,15 +19,16 @@ from twosra_mpc.robot.description import Body, Robot
 Arguments = ParamSpec("Arguments")
 Made = TypeVar("Made")
 
+_OfBody = Callable[Concatenate[Body, Arguments], Made]
+_OfRobot = Callable[Concatenate[Robot | Body, Arguments], Made]
+_OfFunction = Callable[Concatenate[ca.Function, Arguments], Made]
+
 BODIES = 6  # whose functions are kept: more than are compared in one go, and 20 MiB
 
 
 def per_body(
     each: int = 1, bodies: int = BODIES
-) -> Callable[
-    [Callable[Concatenate[Body, Arguments], Made]],
-    Callable[Concatenate[Robot | Body, Arguments], Made],
-]:
+) -> Callable[[_OfBody[Arguments, Made]], _OfRobot[Arguments, Made]]:
     """Keep what a function makes of a body and further arguments; call it with a robot or a body.
 
     It is kept of the last ``bodies`` bodies, of each for its last ``each`` further arguments.
@@ -36,9 +37,7 @@ def per_body(
     heat moves like the other one.
     """
 
-    def decorate(
-        make: Callable[Concatenate[Body, Arguments], Made],
-    ) -> Callable[Concatenate[Robot | Body, Arguments], Made]:
+    def decorate(make: _OfBody[Arguments, Made]) -> _OfRobot[Arguments, Made]:
         @lru_cache(bodies)
         def kept(body: Body) -> Callable[Arguments, Made]:
             return remembered(each)(partial(make, body))
@@ -55,15 +54,10 @@ def per_body(
 
 def per_function(
     each: int = 1,
-) -> Callable[
-    [Callable[Concatenate[ca.Function, Arguments], Made]],
-    Callable[Concatenate[ca.Function, Arguments], Made],
-]:
+) -> Callable[[_OfFunction[Arguments, Made]], _OfFunction[Arguments, Made]]:
     """Keep what is made of a function and its last ``each`` further arguments, while it lives."""
 
-    def decorate(
-        make: Callable[Concatenate[ca.Function, Arguments], Made],
-    ) -> Callable[Concatenate[ca.Function, Arguments], Made]:
+    def decorate(make: _OfFunction[Arguments, Made]) -> _OfFunction[Arguments, Made]:
         kept: dict[int, tuple[ref[ca.Function], Callable[Arguments, Made]]] = {}  # by identity
 
         def of_function(

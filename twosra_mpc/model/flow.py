@@ -57,12 +57,13 @@ def verner(rate: Callable[[ca.SX], ca.SX], start: ca.SX) -> list[ca.SX]:
     """State after a step of length 1 by order 6, and how far off order 5 is at most."""
     slopes: list[ca.SX] = []
     for stage in _STAGES:
-        slopes.append(rate(start + _weighted(stage, slopes)))
-    apart = _weighted([a - b for a, b in zip(_SIXTH, _FIFTH, strict=True)], slopes)
-    return [start + _weighted(_SIXTH, slopes), ca.mmax(ca.fabs(apart))]
+        slopes.append(rate(start + weighted(stage, slopes)))
+    apart = weighted([a - b for a, b in zip(_SIXTH, _FIFTH, strict=True)], slopes)
+    return [start + weighted(_SIXTH, slopes), ca.mmax(ca.fabs(apart))]
 
 
-def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:
+def weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:
+    """Sum of slopes with these weights."""
     terms = (w * k for w, k in zip(weights, slopes, strict=True) if w)
     return sum(terms, start=ca.SX(0))
 
@@ -193,8 +194,7 @@ class Motion:
     @property
     def end(self) -> Array:
         """Q after the last phase, shape (3 + n,)."""
-        final: Array = self.states[-1, -1]
-        return final
+        return self.states[-1, -1]
 
 
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:

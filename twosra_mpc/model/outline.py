@@ -47,8 +47,7 @@ class RobotShape(NamedTuple):
     @property
     def centres(self) -> Array:
         """Centres of the locomotion units, (..., 2, 2)."""
-        middle: Array = self.units.mean(axis=-2)
-        return middle
+        return self.units.mean(axis=-2)
 
 
 @public

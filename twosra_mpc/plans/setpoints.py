@@ -32,12 +32,6 @@ def changed(table: Array, step: ArrayLike = 0.0) -> NDArray[np.bool_]:
     return new
 
 
-def rows(samples: Samples) -> tuple[list[str], Array]:
-    """Set-points as a table: (names of the columns, one row a sample)."""
-    named = columns(samples)
-    return list(named), np.column_stack(list(named.values()))
-
-
 def columns(samples: Samples) -> dict[str, Array]:
     """Columns of the table by their names, units included, in order."""
     return {

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from matplotlib import rc_context
+from matplotlib import rc_context, rc_params_from_file
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -28,31 +28,19 @@ UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#262626"
 OBSTACLE_COLOUR, OBSTACLE_EDGE_COLOUR = "#d9d9d9", "#737373"
 TASK_COLOUR, NEAREST_COLOUR = "#12997c", "#e6007e"
 OBJECT_COLOURS = ("#d8b384", "#c3a5dd", "#8ccfd6", "#e9a9c0")
-CONTACT_COLOUR = "#76c800"
 STAGE_COLOUR = "0.15"  # where and when a task of a mission is done
 PLANNED_COLOUR = "0.35"  # what shall be: goals, references
 PALETTE = (
     *(RIGID_COLOUR, SOFT_COLOUR, CHANGING_COLOUR, FREEZING_COLOUR, *SEGMENT_COLOURS),
     *(UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR, TASK_COLOUR, NEAREST_COLOUR),
-    *(*OBJECT_COLOURS, CONTACT_COLOUR),
+    *OBJECT_COLOURS,
 )
 FAINT = 0.33  # opacity of a pose that is left behind
 DPI = 160  # of figures: a page's width in 1600 pixels
 
-STYLE: dict[Any, Any] = {
-    "font.size": 9.5,
-    "axes.titlesize": "medium",
-    "figure.titlesize": 12,
-    "figure.titleweight": "bold",
-    "figure.facecolor": "white",
-    "figure.constrained_layout.h_pad": 0.06,
-    "legend.fontsize": 8.5,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "hatch.linewidth": 0.7,
-    "pdf.fonttype": 42,
-}
+STYLE: dict[Any, Any] = dict(
+    rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
+)
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 BEHIND_WORDS: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity

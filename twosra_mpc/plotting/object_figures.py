@@ -1,4 +1,4 @@
-"""Objects in the plane: where they are, where they shall be carried, where the robot touches them.
+"""Objects in the plane: where they are, and where they shall be carried.
 
 And the places of a mission: where each of its tasks is done.
 """
@@ -24,9 +24,7 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.geometry import Geometry
 
-TOUCH_M = 0.0015  # nearer than that to an object, the robot is shown to touch it
 UP = np.array([0.0, 1.0])
 _ROUND = 64  # corners of a disc
 _SHADE = 0.55  # of the colour of an object, for its edge and its name
@@ -184,58 +182,6 @@ def draw_targets(ax: Axes, problem: Problem, aims: Sequence[tuple[int, Array]]) 
         ax.add_patch(Polygon(corners, zorder=2.3, **style))
 
 
-def draw_contacts(
-    ax: Axes, geometry: Geometry, shape: RobotShape, outlines: Sequence[Array], linewidth: float
-) -> list[Artist]:
-    """Draw what of the robot touches objects, as a band below it; every artist drawn."""
-    artists: list[Artist] = []
-    style: dict[str, Any] = {"c": figures.CONTACT_COLOUR, "zorder": 2.9, "lw": 2.2 * linewidth}
-    for outline in outlines:
-        for part in touching(geometry, shape, outline):
-            artists += ax.plot(*part.T, solid_capstyle="round", **style)
-    return artists
-
-
-def touching(geometry: Geometry, shape: RobotShape, outline: Array) -> list[Array]:
-    """Parts of fibre and units no further than 1.5 mm from a polygon (m, 2), each (k, 2) [m].
-
-    Parts of the fibre are those of its middle line.
-    """
-    units = [np.concatenate([_along(unit[[i, i - 1]]) for i in range(4)]) for unit in shape.units]
-    lines = [*shape.segments, *map(_along, shape.links), *units]
-    radii = [geometry.fibre_radius_m] * (len(lines) - len(units)) + [0.0] * len(units)
-    within_m = np.repeat(radii, [len(line) for line in lines]) + TOUCH_M
-    points, found = np.concatenate(lines), list[Array]()
-    far = within_m.max()
-    low, high = outline.min(axis=0) - far, outline.max(axis=0) + far
-    touches = ((points >= low) & (points <= high)).all(axis=1)
-    touches[touches] = _distance_m(points[touches], outline) <= within_m[touches]
-    for line, flags in zip(
-        lines, np.split(touches, np.cumsum([len(line) for line in lines])[:-1]), strict=True
-    ):
-        near = np.flatnonzero(flags)
-        runs = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
-        found += [line[run] if len(run) > 1 else line[[run[0]] * 2] for run in runs if len(run)]
-    return found
-
-
-def _along(ends: Array) -> Array:
-    """Points from end to end, (2, 2) -> (20, 2)."""
-    share = np.linspace(0.0, 1.0, 20)[:, None]
-    points: Array = ends[0] + share * (ends[1] - ends[0])
-    return points
-
-
-def _distance_m(points: Array, outline: Array) -> Array:
-    """Distance of points (k, 2) to the edge of a polygon (m, 2), (k,)."""
-    along = np.roll(outline, -1, axis=0) - outline
-    to = points[:, None] - outline
-    share = np.clip((to * along).sum(axis=-1) / (along * along).sum(axis=-1), 0.0, 1.0)
-    off = np.linalg.norm(to - share[..., None] * along, axis=-1)
-    nearest: Array = off.min(axis=1)
-    return nearest
-
-
 def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stretch]) -> None:
     """Mark where the middle link is when each stage is done, by numbers; near ones share a mark."""
     if not each:
@@ -256,16 +202,11 @@ def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stretch]) -> 
 
 def legend_entries(problem: Problem) -> dict[str, Any]:
     """Legend of objects and goals on the way; empty where there are none."""
-    entries = resting_entries(problem)
+    entries: dict[str, Any] = {}
     if problem.objects:
-        entries["touches it"] = plane.line(figures.CONTACT_COLOUR, 6)
+        entries["object"] = Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)
     if carries(problem.tasks):
         entries["carried to"] = Patch(fill=False, ec=edge_of(0), ls="--", lw=1.2)
     if any(task.ends_in is not None for task in problem.tasks):
         entries["goal to reach"] = plane.DASHED
     return entries
-
-
-def resting_entries(problem: Problem) -> dict[str, Any]:
-    """Legend of objects that are drawn where they rest."""
-    return {"object": Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)} if problem.objects else {}

@@ -1,30 +1,22 @@
-"""Figures of plans: one with all there is to see, and plans side by side."""
+"""The figure of a plan: all there is to see."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.patches import Patch
 
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.surroundings import closest_approach
-from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
-from twosra_mpc.plans.trajectory import (
-    Phase,
-    Samples,
-    Stretch,
-    stretches,
-)
+from twosra_mpc.plans.trajectory import Phase, Samples, Stretch, stretches
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
@@ -33,10 +25,8 @@ from twosra_mpc.robot.modes import is_rigid, mode_name
 WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
-HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
 ROOM = 0.12  # around what panels show, for names, in its size
 CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
-MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
 
 
 @public
@@ -135,19 +125,9 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stretch) -> None:
     object_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
     touches = stage.task is not None and stage.task.touches
     ahead = None if touches else object_figures.UP
-    _draw_touched(ax, plan, ends.q[1], poses[1], 3, ahead)
-
-
-def _draw_touched(
-    ax: Axes, plan: Plan, q: Array, poses: Array, linewidth: float, ahead: Array | None = None
-) -> None:
-    """Draw objects at poses, named as ``draw_objects`` does, and what of the robot touches them."""
-    geometry, shape = plan.robot.geometry, robot_shape(plan.robot.geometry, q)
-    size_pt = 8.0 if linewidth == 5 else 7.0
-    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": size_pt}
-    object_figures.draw_objects(ax, plan.problem, poses, **style)
-    outlines = object_figures.outlines_m(plan.problem, poses)
-    object_figures.draw_contacts(ax, geometry, shape, outlines, linewidth)
+    shape = robot_shape(geometry, ends.q[1])
+    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": 7.0}
+    object_figures.draw_objects(ax, plan.problem, poses[1], **style)
 
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
@@ -193,12 +173,8 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
 
 def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
     """Draw where objects are first and last, and where each task is done."""
-    trajectory, ends = plan.trajectory, plan.trajectory.samples.q[[0, -1]]
+    trajectory = plan.trajectory
     object_figures.draw_ends(ax, trajectory)
-    poses = object_poses(trajectory, trajectory.samples.t_s[[-1]])[0]
-    shape = robot_shape(plan.robot.geometry, ends[1])
-    outlines = object_figures.outlines_m(plan.problem, poses)
-    object_figures.draw_contacts(ax, plan.robot.geometry, shape, outlines, 5)
     object_figures.draw_targets(ax, plan.problem, object_figures.targets(trajectory))
     for q in object_figures.goals(trajectory):
         plane.draw_outline(ax, plan.robot.geometry, q)
@@ -242,55 +218,3 @@ def plan_html(plan: Plan) -> str:
     """Return the figure of a plan as an HTML element that needs no other file."""
     address = figures.picture_address(plot_plan(plan), "png")
     return f'<img src="{address}" alt="{escape(plan_title(plan))}" style="max-width: 100%">'
-
-
-@public
-def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None = None) -> Figure:
-    """Draw plans on one time axis: a block a problem, in it a row a plan.
-
-    Args:
-        plans: Name of each problem -> its plans, e.g. one of each planner.
-        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
-
-    Raises:
-        InputError: If there is nothing to compare, matplotlib cannot write such a file, or the
-            folder cannot be written.
-    """
-    every = list(chain.from_iterable(plans.values()))
-    if not every:
-        raise InputError("plans", dict(plans), "at least one plan")
-    end_s = max(made.trajectory.duration_s for made in every) or 1.0
-    heights = list[float]()
-    for each in plans.values():
-        heights += (HEAD_IN + THIN_LANE_IN * made.robot.geometry.segments for made in each)
-        heights.append(BETWEEN_IN)
-    heights.pop()
-    with figures.styled_figure((WIDTH_IN, sum(heights) + 1.0), path) as figure:
-        grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-        row, axes = 0, list[Axes]()
-        for name, each in plans.items():
-            for made in each:
-                axes.append(figure.add_subplot(grid[row], sharex=axes[0] if axes else None))
-                _draw_row(axes[-1], name, made)
-                axes[-1].tick_params(labelbottom=False)
-                row += 1
-            row += 1
-        axes[-1].tick_params(labelbottom=True)
-        axes[-1].set(xlim=(0.0, 1.005 * end_s), xlabel="time [s]")
-        motion = Patch(**MOTION, label="motion")
-        figure.legend(
-            handles=[*timeline_figures.state_handles(), motion], loc="outside lower center", ncols=6
-        )
-    return figure
-
-
-def _draw_row(ax: Axes, name: str, made: Plan) -> None:
-    """Lanes of a plan, named above; its motion as lines that are never too thin to see."""
-    timeline_figures.draw_lanes(ax, made)
-    for phase in made.phases:
-        ax.axvspan(phase.start_s, phase.end_s, **MOTION, zorder=4)
-    ax.set_title(f"{name}: {plan_title(made)}", loc="left", fontsize=9)
-    ax.set_yticks(ax.get_yticks(), [tick.get_text()[-1] for tick in ax.get_yticklabels()])
-    ax.set_ylabel("segment", fontsize=8)
-    ax.spines["bottom"].set_visible(False)
-    ax.tick_params(axis="x", length=0)

@@ -22,7 +22,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.labels import settle
-from twosra_mpc.plotting.object_figures import draw_contacts, draw_objects, draw_targets, outlines_m
+from twosra_mpc.plotting.object_figures import draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
@@ -98,14 +98,10 @@ class Scene:
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
 
     def _objects(self, row: int) -> list[Artist]:
-        """Objects, and what of the robot touches them."""
-        playback, ax, poses = self._playback, self._plane, self._playback.objects[row]
-        if not len(poses):
-            return []
-        geometry, problem = playback.geometry, playback.problem
-        shape, touched = robot_shape(geometry, playback.q[row]), outlines_m(problem, poses)
-        drawn = draw_objects(ax, problem, poses, beside=shape, size_pt=9.5)
-        return [*drawn, *draw_contacts(ax, geometry, shape, touched, 8)]
+        """Objects where they are."""
+        playback, poses = self._playback, self._playback.objects[row]
+        beside = robot_shape(playback.geometry, playback.q[row])
+        return draw_objects(self._plane, playback.problem, poses, beside=beside, size_pt=9.5)
 
     def _robot(self, row: int) -> list[Artist]:
         q, geometry = self._playback.q[row], self._playback.geometry
@@ -212,8 +208,6 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries["paths: units, link"] = tuple(line(colour, 1.3) for colour in trails)
     if playback.goals:
         entries["goal"] = DASHED
-    if problem.objects:
-        entries["touches it"] = line(figures.CONTACT_COLOUR, 4)
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure

@@ -84,7 +84,7 @@ def margins(
         yield limit.name, settled(most * (1 - float(np.abs(shares).max(initial=0.0))), most)
     if (most_rad_s2 := robot.limits.wheel_acceleration_rad_s2) is not None:
         fastest = float(np.abs(found.wheel_rad_s2).max(initial=0.0))
-        yield WHEEL_ACCELERATION, settled(most_rad_s2 - fastest, most_rad_s2)
+        yield WHEEL_ACCELERATION.name, settled(most_rad_s2 - fastest, most_rad_s2)
     kappa = q[:, POSE:]
     changes = (kappa[1:] != kappa[:-1]).any(axis=1)
     shapes = np.concatenate([kappa[:1], kappa[1:][changes]])

@@ -8,7 +8,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -42,11 +42,30 @@ _CERTAIN_M = 1e-4  # of a gap: beyond what interpolating a shape can feign
 
 
 @dataclass(frozen=True)
-class ShapeLimit:
+class Limit:
+    """Something that a plan must keep; verifications have its margin under its name.
+
+    Attributes:
+        name: Its name, unit included.
+        number: Key of its number in the limits of the robot, its heater or the scenario, if that
+            is not its name.
+    """
+
+    name: str
+    number: str = field(default="", kw_only=True)
+
+    def asked(self, problem: Problem) -> float | None:
+        """Its number; None if there is none, as of a workspace."""
+        places = problem.robot.limits, problem.robot.heater, problem
+        key = self.number or self.name
+        return next((vars(place)[key] for place in places if key in vars(place)), None)
+
+
+@dataclass(frozen=True)
+class ShapeLimit(Limit):
     """A limit of the shapes that a robot may take, or drive in.
 
     Attributes:
-        name: Of its number in ``robot.limits``, unit included.
         margin: (body, curvatures (n,)) -> what is left, negative where forbidden, symbolically.
         nearer: (body, shapes (m, n)) -> what is left, (m,), where ``margin`` is only a lower bound
             of it, for those where it is less than `FAR_M`.
@@ -58,7 +77,6 @@ class ShapeLimit:
             for those that forbid more than driving.
     """
 
-    name: str
     margin: Callable[[Body, ca.SX], ca.SX]
     words: Callable[[MotionLimits], str]
     rounding: float
@@ -69,17 +87,15 @@ class ShapeLimit:
 
 
 @dataclass(frozen=True)
-class SpeedLimit:
-    """A limit of how fast something may travel.
+class SpeedLimit(Limit):
+    """A limit of how fast something may travel; a robot without its number is not limited.
 
     Attributes:
-        name: Of its number in ``robot.limits``, unit included; a robot without it is not limited.
         travel: (body, s, J s, V s) -> what an input displacement s moves, (m,); linear in s.
         words: What is wrong with a motion that is too fast, to complete "a motion in which ...".
         overstated: How many times more than what is really travelled ``travel`` may say.
     """
 
-    name: str
     travel: Callable[[Body, ca.SX, ca.SX, ca.SX], ca.SX]
     words: Callable[[MotionLimits], str]
     overstated: float = 1.0
@@ -174,13 +190,17 @@ TURN_RATE = SpeedLimit(
     travel=lambda body, s, moved, turned: s[4],
     words=lambda limits: f"the robot turns faster than {limits.turn_rate_rad_s:zg} rad/s",
 )
-WHEEL_ACCELERATION = "wheel_acceleration_rad_s2"  # with it, every phase goes from rest to rest
 SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED, BEND_RATE, SPEED, TURN_RATE)
 
-WORKSPACE = "workspace_m"  # margin to the box of the scenario, no limit of the robot
-CLEARANCE = "clearance_m"  # margin to what is kept to obstacles
-CONTACT = "contact_m"  # margin to the overlap that is allowed with what is touched
-SOFT_TRAVEL = "soft_travel_m"  # of robot.limits, kept where there are obstacles
+WHEEL_ACCELERATION = Limit("wheel_acceleration_rad_s2")  # with it, phases go from rest to rest
+WORKSPACE = Limit("workspace_m")  # margin to the box of the scenario
+CLEARANCE = Limit("clearance_m")  # margin to what is kept to obstacles
+CONTACT = Limit("contact_m")  # margin to the overlap that is allowed with what is touched
+SOFT_TRAVEL = Limit("soft_travel_m")  # kept where there are obstacles
+TEMPERATURE = Limit("temperature_max_C")
+CURRENT = Limit("heater_current_A", number="current_max_A")
+_OTHERS = WHEEL_ACCELERATION, WORKSPACE, CLEARANCE, CONTACT, SOFT_TRAVEL, TEMPERATURE, CURRENT
+LIMITS = {limit.name: limit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS, *_OTHERS)}
 
 
 # Shapes.
@@ -243,8 +263,7 @@ def bent_back(robot: Robot | Body, kappa: Array) -> Array:
     """The shape (n,), bent back towards the straight robot as far as the limits ask for."""
     limit = robot.body.limits.curvature_per_m
     shapes = _SHARES[:, None] * np.clip(kappa, -limit, limit)
-    found: Array = shapes[int((body_gaps_m(robot, shapes) >= 0).argmax())]
-    return found
+    return shapes[int((body_gaps_m(robot, shapes) >= 0).argmax())]
 
 
 def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0) -> Array:
@@ -255,8 +274,7 @@ def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.
     exactly. Gaps of more than `FAR_M` are not told apart.
     """
     feigned_m = _CERTAIN_M + parts_moved_m(robot, off_per_m).max()
-    gaps_m: Array = body_gaps_m(robot, kappa) + BODY_TOLERANCE_M + feigned_m
-    return gaps_m
+    return body_gaps_m(robot, kappa) + BODY_TOLERANCE_M + feigned_m
 
 
 def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
@@ -266,16 +284,14 @@ def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
         robot: The robot.
         bent_per_m: How much more or less segments bend, (m, n) or a number [1/m].
     """
-    moved: Array = (np.atleast_2d(bent_per_m) * _parts_moved_m2(robot)).sum(axis=1)
-    return moved
+    return (np.atleast_2d(bent_per_m) * _parts_moved_m2(robot)).sum(axis=1)
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     """Truth for each of these shapes (m, n): the robot may drive rigidly in it."""
     margins = shape_margins(robot, kappa)
     driving = [margins[limit.name] >= 0 for limit in SHAPE_LIMITS if limit.driving]
-    allowed: NDArray[np.bool_] = np.all(driving, axis=0)
-    return allowed
+    return np.all(driving, axis=0)
 
 
 def workspace_margins(problem: Problem | Alone, q: Array) -> Array:
@@ -364,8 +380,7 @@ def interval_durations(motion: Motion) -> Array:
     places = (before, (before + after) / 2, after)
     given = np.concatenate(places), np.tile(s, (3, 1)), np.tile(modes, (3, 1))
     times, _ = least_times_and_turns(motion.robot, *given)
-    longest: Array = times.reshape(3, phases, intervals).max(axis=0)
-    return longest
+    return times.reshape(3, phases, intervals).max(axis=0)
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:

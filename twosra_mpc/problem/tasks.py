@@ -74,8 +74,7 @@ class Task(Tagged):
     @property
     def about(self) -> str | None:
         """Name of the object, or obstacle, that it is about."""
-        name: str | None = getattr(self, "object", None)
-        return name
+        return getattr(self, "object", None)
 
     @property
     def ends_in(self) -> GoalSet | None:
@@ -117,8 +116,7 @@ class Pass(Task):
         inside = ((poses[..., :2] >= low[:2]) & (poses[..., :2] <= high[:2])).all(axis=-1)
         if self.phi_rad is not None:
             inside &= np.mod(poses[..., 2] - low[2], math.tau) <= high[2] - low[2]
-        found: Array = inside
-        return found
+        return inside
 
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """Through the box, without a rest."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from pydantic import model_validator
@@ -54,10 +54,7 @@ class Workspace(Value):
 
     def holding(self, points: Array) -> Workspace:
         """The box, no smaller than these points (..., 2) need with a millimetre around them."""
-        flat, (low, high) = (
-            check_size("points", points, 2).reshape(-1, 2),
-            self.corners_m,
-        )
+        flat, (low, high) = (check_size("points", points, 2).reshape(-1, 2), self.corners_m)
         low = np.minimum(low, flat.min(axis=0) - _AROUND_M).tolist()
         high = np.maximum(high, flat.max(axis=0) + _AROUND_M).tolist()
         x_m, y_m = zip(low, high, strict=True)
@@ -66,8 +63,7 @@ class Workspace(Value):
     def margin_m(self, points: Array) -> Array:
         """Signed distance of points (..., 2) to the edges; negative outside, by the worse axis."""
         points, (low, high) = check_size("points", points, 2), self.corners_m
-        margin: Array = np.minimum(points - low, high - points).min(axis=-1)
-        return margin
+        return np.minimum(points - low, high - points).min(axis=-1)
 
 
 class Box(Value):
@@ -207,30 +203,14 @@ def check_polygon(corners: Array) -> None:
         twice, first = (before, at) if at == 0 else (at, before)
         allowed = f"each corner once; corner {twice + 1} is corner {first + 1} again"
         raise InputError("polygon_m", tuple(corners[twice].tolist()), allowed)
-    if (pair := _crossing(corners)) is not None:
-        i, j = pair
-        given = [tuple(corners[k].tolist()) for k in pair]
-        allowed = f"a polygon that does not cross itself; its sides {i + 1} and {j + 1} do"
-        raise InputError("polygon_m", given, allowed)
+    import shapely  # boxes and discs need none
+
+    if not shapely.is_valid(polygon := shapely.Polygon(corners)):
+        found = shapely.is_valid_reason(polygon)
+        raise InputError("polygon_m", found, "a polygon that does not cross or touch itself")
 
 
 def area_m2(corners: Array) -> float:
     """Area, positive where the corners go counter-clockwise."""
     x, y = corners.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-
-
-def _crossing(corners: Array) -> tuple[int, int] | None:
-    """Two sides that meet although they are no neighbours, or fold back on each other."""
-    import shapely  # boxes and discs need none
-
-    ahead = np.roll(corners, -1, axis=0) - corners
-    turn = ahead[:, 0] * np.roll(ahead[:, 1], -1) - ahead[:, 1] * np.roll(ahead[:, 0], -1)
-    back = (turn == 0) & ((ahead * np.roll(ahead, -1, axis=0)).sum(axis=1) <= 0)
-    if back.any():
-        k = int(np.flatnonzero(back)[0])
-        return k, (k + 1) % len(corners)
-    sides: Any = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
-    first, second = shapely.STRtree(sides).query(sides, predicate="intersects")
-    apart = (second - first > 1) & (second - first < len(corners) - 1)
-    return min(zip(first[apart].tolist(), second[apart].tolist(), strict=True), default=None)

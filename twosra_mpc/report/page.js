@@ -2,7 +2,7 @@
 
 const byId = (id) => document.getElementById(id);
 
-function player({ film, row_s, temperature_C }) {
+function player({ film, temperature_C }) {
   const last = film.time_s.length - 1;
   const slider = byId("slider");
   const robot = byId("robot");
@@ -14,8 +14,6 @@ function player({ film, row_s, temperature_C }) {
   const trails = [...byId("trails").children];
   const levels = [...byId("thermometer").querySelectorAll(".level")];
   const cells = [...byId("segments").tBodies[0].rows].map((row) => [...row.cells].slice(1));
-  const table = byId("rows");
-  const rows = [...table.querySelectorAll("tbody tr")];
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   let frame = 0;
 
@@ -45,7 +43,6 @@ function player({ film, row_s, temperature_C }) {
       objects.forEach((object, i) => object.setAttribute("transform", pose.objects[i]));
       names.forEach((name, i) => ["x", "y", "text-anchor"].forEach((key, k) =>
         name.setAttribute(key, pose.names[i][k])));
-      byId("touched").setAttribute("d", pose.touched);
     }
     const past = film.poses.slice(0, film.pose[frame] + 1);
     draw(trails, [0, 1].map((i) => past.map((one) => one.centres[i]).join(" "))
@@ -67,14 +64,6 @@ function player({ film, row_s, temperature_C }) {
     });
   };
 
-  const showRow = () => {
-    let row = row_s.findLastIndex((time) => time <= film.time_s[frame] + 1e-6);
-    row = Math.max(0, row);
-    table.querySelector("[aria-current]")?.removeAttribute("aria-current");
-    rows[row].setAttribute("aria-current", "true");
-    table.scrollTop = rows[row].offsetTop - table.clientHeight / 2;
-  };
-
   const show = (place) => {
     frame = Math.max(0, Math.min(last, Math.round(place)));
     const time = clock(film.time_s[frame]);
@@ -82,7 +71,6 @@ function player({ film, row_s, temperature_C }) {
     byId("doing").textContent = film.doing[frame];
     showRobot();
     showSegments();
-    showRow();
     if (slider) {
       byId("cursor").style.left = `${(100 * frame) / last}%`;
       slider.value = frame;

@@ -8,29 +8,44 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.arguments import public
-from twosra_mpc.files import data_file, ending_of, write_text
+from twosra_mpc.files import data_file, ending_of, environment, write_text
+from twosra_mpc.keys import describe
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Plan, percent
+from twosra_mpc.plans.plan import Plan, Verification, percent
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
+from twosra_mpc.problem.limits import LIMITS
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.report import words
-from twosra_mpc.report.lanes import Thermometer, curve, lanes, setpoint_table, ticks
-from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
+from twosra_mpc.report.player import (
+    ARC_POINTS,
+    Thermometer,
+    curve,
+    film_of,
+    filmed_box,
+    lanes,
+    mission,
+    pose,
+    surroundings,
+    ticks,
+)
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
-_FIBRE_MM = 6.0  # drawn width where the robot file does not say
+_COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
 
 @public
@@ -68,8 +83,13 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         origin: The file the plan was read from, if any.
     """
     plan = result.plan
-    templates = environment()
-    templates.filters |= {"mode": mode_name, "percent": percent, "seconds": _seconds}
+    templates = environment("report")
+    templates.filters |= {
+        "mode": mode_name,
+        "described": describe,
+        "percent": percent,
+        "seconds": _seconds,
+    }
     style, script = data_file("report/page.css"), data_file("report/page.js")
     return templates.get_template("page.html").render(
         policy=policy(style, script),
@@ -80,10 +100,11 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         plan=plan,
         document=result.to_dict(),
         sequence=sequence_name(plan.sequence) if plan and plan.phases else "",
-        status_sentence=words.status_sentence(result),
-        bound_sentences=list(words.bound_sentences(result)),
-        caveat_sentences=list(words.caveat_sentences(result)),
-        verification=_verification(plan) if plan else None,
+        tolerances=(DEFECT_TOLERANCE, GOAL_TOLERANCE),
+        bound_sentences=words.bound_sentences(result),
+        goal=_goal(result.problem, plan.verification) if plan else (),
+        limits=LIMITS,
+        finite=math.isfinite,
         path=in_words(critical_path(plan)) if plan else (),
         hidden=hidden_activities(plan) if plan else (),
         tasks=words.task_rows(plan) if plan else [],
@@ -92,22 +113,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         scenario=words.scenario_toml(result.problem),
         commands=words.commands(origin),
         versions=words.versions(origin),
-        effort=words.effort(result),
     )
-
-
-def environment(folder: str = "report") -> Environment:
-    """Templates of a folder of the package; values are escaped, and none may be missing."""
-    made = Environment(
-        loader=PackageLoader("twosra_mpc", folder),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.filters["number"] = lambda value, form, sign="": format(value, f"{sign}z{form}")
-    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    return made
 
 
 def policy(style: str, script: str) -> str:
@@ -122,20 +128,10 @@ def _hash(text: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
 
 
-def _verification(plan: Plan) -> dict[str, Any]:
-    check = plan.verification
-    return {
-        "ok": check.ok,
-        "sentence": words.verification_sentence(check),
-        "goal": words.goal_rows(plan.problem, check) if not plan.problem.ends_anywhere else [],
-        "limits": words.limit_rows(plan, check),
-    }
-
-
 def _motion(plan: Plan) -> dict[str, Any]:
-    """Everything that is drawn: film, timeline, set-points, figure."""
+    """Everything that is drawn: film, timeline, figure."""
     playback, samples = plan_playback(plan), plan.trajectory.samples
-    scale, table = Thermometer.of(plan), setpoint_table(plan.trajectory.held())
+    scale = Thermometer.of(plan)
     start, *ends = (
         robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], *_goals(plan))
     )
@@ -143,25 +139,29 @@ def _motion(plan: Plan) -> dict[str, Any]:
     box = filmed_box(plan.problem, shapes, seen_m(plan.trajectory))
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
-        "data": {
-            "film": film_of(plan, playback),
-            "row_s": table.time_s,
-            "temperature_C": [scale.low_C, scale.high_C],
-        },
+        "data": {"film": film_of(plan, playback), "temperature_C": [scale.low_C, scale.high_C]},
         "moves": plan.trajectory.duration_s > 0.0,
         "ghosts": [("start", pose(start)), *(("goal", pose(end)) for end in ends)],
         "mission": mission(plan.trajectory),
         "box": box,
         "grid": _grid(box),
         "around": surroundings(plan.problem, playback.nearest, box),
-        "fibre_mm": _fibre_mm(plan),
+        "fibre_mm": 2e3 * playback.geometry.fibre_radius_m,
         "lanes": lanes(plan, playback.stretch),
         "ticks": ticks(playback.stretch),
         "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
         "thermometer": scale,
-        "table": table,
         "figure": picture_address(plot_plan(plan), "svg"),
     }
+
+
+def _goal(problem: Problem, check: Verification) -> Iterable[tuple[Any, ...]]:
+    """Name, unit, middle, half-width and error of each coordinate of a goal."""
+    if problem.ends_anywhere:
+        return ()
+    goal, units = problem.goal, problem.robot.coordinates.units
+    box = goal.configuration.tolist(), goal.half_width.tolist()
+    return zip(_COORDINATES, units, *box, check.goal_error, strict=False)
 
 
 def _goals(plan: Plan) -> list[Array]:
@@ -170,12 +170,6 @@ def _goals(plan: Plan) -> list[Array]:
     if not plan.problem.ends_anywhere:
         reached[-1] = np.where(np.isnan(last), reached[-1], last)
     return reached
-
-
-def _fibre_mm(plan: Plan) -> float:
-    segment = plan.robot.segment
-    known = segment.fibre_diameter_m if segment else None
-    return _FIBRE_MM if known is None else 1e3 * known
 
 
 def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Words of a page: status, bound and verification, claiming no more than was proved.
+"""Words of a page on what was proved and what is kept, claiming no more than that.
 
 And what it takes to get the same plan again: the whole problem as TOML, versions, commands.
 """
@@ -7,190 +7,46 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import platform
 import shlex
-from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import tomlkit
 
 from twosra_mpc.arguments import public
+from twosra_mpc.files import environment
 from twosra_mpc.installation import __version__
-from twosra_mpc.keys import describe
-from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
+from twosra_mpc.plans.plan import Plan, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
-from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import transition_model
 
 _NONE = "\N{EN DASH}"
 _LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numbers come from
-_COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
 
-class GoalRow(NamedTuple):
-    """One coordinate of the goal: what was asked, and how far the re-integrated plan is from it."""
-
-    name: str
-    unit: str
-    asked: str
-    error: str
-
-
-class LimitRow(NamedTuple):
-    """One limit of the robot and the margin that the plan leaves to it."""
-
-    name: str
-    limit: str
-    margin: str
-
-
-def status_sentence(result: Result) -> str:
-    """Say what a status means."""
-    checked, asked = "Verified by independent re-integration", f"{100 * result.problem.gap:zg} %"
-    match result.status:
-        case Status.OPTIMAL:
-            return f"{checked}, and proved to be within the asked gap of {asked} of the best."
-        case Status.FEASIBLE if result.lower_bound is None:
-            return f"{checked}. Nothing is proved about how much better another one could be."
-        case Status.FEASIBLE:
-            return f"{checked}. The gap that is proved is more than {asked}, which was asked for."
-        case Status.INFEASIBLE:
-            return "It is proved that this problem has no plan; the message at the top says why."
-        case Status.FAILED:
-            return "Undecided: no verified plan was found, and it is not proved that there is none."
-
-
-def bound_sentences(result: Result) -> Iterator[str]:
+def bound_sentences(result: Result) -> list[str]:
     """Say what is proved about all other plans, and about which; nothing without a bound."""
+    problem, templates = result.problem, environment("report")
     if result.lower_bound is None:
-        return
-    problem, plan = result.problem, result.plan
-    yield (
-        f"No plan for this problem that heats as below costs less than {result.lower_bound:z.4f} s:"
-        " this is the optimum of a relaxation of it, a proved lower bound and not an estimate."
+        return []
+    templates.filters["mode"] = mode_name
+    rests = any(task.rests for task in problem.tasks)
+    text = templates.get_template("bound.txt").render(
+        result=result,
+        plan=result.plan,
+        problem=problem,
+        phases=f"{MOST_PHASES} phases a task" if rests else f"{problem.max_phases} phases",
+        timing=transition_model(problem),
+        percent=percent,
+        above_bound=above_bound,
+        within=within,
     )
-    if plan is not None and plan.gap is not None:
-        yield (
-            f"This plan costs {plan.cost.total:z.4f} s, so no other one can be better by more than"
-            f" {plan.cost.total - result.lower_bound:z.2g} s, or {percent(plan.gap)} of its cost."
-        )
-    if plan is not None and plan.slower_by and plan.fastest_cost is not None:
-        yield (
-            f"It drives gently: {above_bound(plan)}. At full speed, as the search found it, it"
-            f" costs {plan.fastest_cost:z.4f} s, {within(plan.search_gap or 0.0)}. What the asked"
-            " gap lets it cost more is spent on lower speeds."
-        )
-    yield f"Cost is {_cost_formula(problem)}."
-    modes = ", ".join(mode_name(mode) for mode in problem.modes)
-    phases = f"{problem.max_phases} phases"
-    if problem.is_mission:
-        phases = f"{MOST_PHASES} phases a task"
-        if problem.objects:
-            yield "It is one over plans with the touches that were considered; the guide has them."
-    yield (
-        f"The bound covers every sequence of the modes {modes}, also sequences longer than the"
-        f" {phases} that were searched, with every path that path model"
-        f" {problem.robot.path.model} can take within the robot's limits."
-    )
-    timing = transition_model(problem)
-    times = timing.words
-    if problem.heaters_at_once < problem.robot.coordinates.segments:
-        times += ", one heater on at a time"
-    yield (
-        f"It holds for {times}, under {timing.policy}; a different heater controller has"
-        " different times."
-    )
-
-
-def caveat_sentences(result: Result) -> Iterator[str]:
-    """Say what neither the bound nor the verification is about."""
-    yield (
-        "All of this is about the model. On hardware a unit that should hold pivots while the"
-        " other one bends: expect 1 to 15 cm and up to 1.5 rad after a soft phase, unless a camera"
-        " closes the loop."
-    )
-    if result.problem.objects:
-        yield (
-            "An object is taken to rest until it is grasped and while the robot opens, and to move"
-            " with the robot in between: that it is pushed away or slips is not part of the model."
-        )
-    if result.problem.obstacles or result.problem.objects:
-        yield "Slipping wheels, and obstacles that move, are not part of the model."
-    else:
-        yield "Obstacles and slipping wheels are not part of the model."
-    if result.status is Status.FAILED and result.plan is not None:
-        yield "The motion shown here did not pass verification: do not run it."
-
-
-def _cost_formula(problem: Problem) -> str:
-    weights, terms = problem.cost_weights, ["the duration in s"]
-    if weights.energy_s_per_J:
-        terms.append(f"{weights.energy_s_per_J:zg} s for every joule of heater energy")
-    if weights.transition_s:
-        terms.append(f"{weights.transition_s:zg} s for every melt or freeze")
-    if weights.effort:
-        terms.append(
-            f"{weights.effort:zg} times the effort: the sum of the squared wheel speeds, each over"
-            " the largest, integrated"
-        )
-    return " + ".join(terms) if len(terms) > 1 else "the duration, nothing else"
-
-
-def verification_sentence(check: Verification) -> str:
-    """Say what independent re-integration found."""
-    if not check.ok:
-        return f"Verification failed: {'; '.join(check.problems)}."
-    return (
-        "Verification passed: the samples were integrated anew by another method, with adaptive"
-        " steps, and limits, order of melts and freezes, heater commands and goal were checked. The"
-        " samples and their"
-        f" re-integration differ by at most {check.max_defect:z.2g} (m, rad or 1/m; allowed are"
-        f" {DEFECT_TOLERANCE:zg}); the goal may be missed by {GOAL_TOLERANCE:zg}."
-    )
-
-
-def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
-    """Return the goal coordinate by coordinate, with the error after re-integration."""
-    rows = []
-    goal, width = problem.goal.configuration.tolist(), problem.goal.half_width.tolist()
-    units = problem.robot.coordinates.units
-    items = zip(_COORDINATES, units, goal, width, check.goal_error, strict=False)
-    for name, unit, asked, box, error in items:
-        if math.isnan(asked):
-            rows.append(GoalRow(name, unit, "free", _NONE))
-        else:
-            words = f"{asked:zg}" + (f" ± {box:z.2g}" if box else "")
-            rows.append(GoalRow(name, unit, words, _residual(error)))
-    return rows
-
-
-def _residual(error: float) -> str:
-    if not math.isfinite(error):
-        return "not reached"
-    return f"{abs(error):z.1e}" if error else "0"
-
-
-def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
-    """Return the robot's limits with the least margin that the plan leaves to each."""
-    robot, heater = plan.robot, plan.robot.heater
-    limits = {
-        **robot.limits.model_dump(),
-        "temperature_max_C": heater.temperature_max_C,
-        "heater_current_A": heater.current_max_A,
-        "clearance_m": plan.problem.clearance_m,
-    }
-    rows = []
-    for name, margin in check.limits.items():
-        bound = f"{limits[name]:zg}" if name in limits else _NONE
-        left = f"{margin:z.3g}" if margin else "0: used in full"
-        rows.append(LimitRow(describe(name), bound, left))
-    return rows
+    return text.splitlines()
 
 
 class TaskRow(NamedTuple):
@@ -283,20 +139,3 @@ def versions(origin: Origin | None) -> list[tuple[str, str]]:
         ("Python", platform.python_version()),
     ]
     return rows + [(name, version(name)) for name in _LIBRARIES]
-
-
-def effort(result: Result) -> str:
-    """Say how much work the plan was, and whether the search ended by itself."""
-    stats = result.stats
-    words = (
-        f"{stats.wall_s:z.2f} s of planning: {stats.sequences_bounded} mode sequences bounded, "
-        f"{stats.sequences_solved} solved, {stats.nlp_iterations} NLP iterations."
-    )
-    if stats.work is not None:
-        words += f" {stats.work:z.0f} units of work, the same on every machine."
-    if result.stopped_early:
-        words += (
-            " A limit or an interrupt ended the search before the asked gap was reached: with a"
-            " larger one there may be a better plan."
-        )
-    return words

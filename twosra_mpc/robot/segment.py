@@ -115,11 +115,6 @@ class Segment(Tagged):
         """Temperatures by the sensor of solid and of liquid; None: those of its model."""
         return None
 
-    @property
-    def fibre_diameter_m(self) -> float | None:
-        """Outer diameter, if it is known."""
-        return None
-
     @model_validator(mode="after")
     def _ranges_of_parameters(self) -> Self:
         for name, (low, high) in self.ranges.items():
@@ -225,11 +220,6 @@ class LumpedSegment(Segment):
             melting_point_C=heater.melting_point_C,
             ambient_C=ambient_C,
         )
-
-    @property
-    def fibre_diameter_m(self) -> float:
-        """Outer diameter of the tube."""
-        return self.tube_outer_diameter_m
 
 
 class TwoNodeSegment(Segment):

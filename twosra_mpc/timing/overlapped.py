@@ -18,7 +18,6 @@ from twosra_mpc.timing.network import (
     events_of,
     handovers,
     overlaps,
-    refused,
 )
 from twosra_mpc.timing.transitions import Transition, TransitionModel, model_of
 
@@ -74,14 +73,7 @@ class Overlapped(TransitionModel):
         whole = self.times.melt_changing_s if soft else self.times.freeze_changing_s
         return whole if event.number else whole * self.left(event.segment, event.to)
 
-    def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        if self.problem.heaters_at_once == 1:
-            for one, two, mode in overlaps(sequence, self.first, last):
-                if not self._coasts(one, two) and not self._coasts(two, one):
-                    return refused(mode)
-        return None
-
-    def _coasts(self, liquid: Dwell, other: Dwell) -> bool:
+    def coasts(self, liquid: Dwell, other: Dwell) -> bool:
         """Whether a segment may stay liquid without heat while the other one melts."""
         if liquid.freeze is None or other.melt is None:
             return False
@@ -96,7 +88,7 @@ class Overlapped(TransitionModel):
         Of two that melt in the same gap either may go first; here the one that freezes first.
         """
         for one, two, _ in overlaps(network.sequence, self.first, network.last):
-            turns = [turn for turn in ((one, two), (two, one)) if self._coasts(*turn)]
+            turns = [turn for turn in ((one, two), (two, one)) if self.coasts(*turn)]
             found = [(a.melt, a.freeze, b.melt) for a, b in turns if a.freeze and b.melt]
             if found:  # else neither freezes any more
                 yield sorted(found, key=lambda turn: turn[1].gap)

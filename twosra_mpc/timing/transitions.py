@@ -15,7 +15,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, Stiffness
 from twosra_mpc.robot.timing import Timing
-from twosra_mpc.timing.network import TemporalNetwork
+from twosra_mpc.timing.network import Dwell, TemporalNetwork, overlaps, refused
 
 
 class Transition(NamedTuple):
@@ -110,9 +110,18 @@ class TransitionModel(ABC):
             f"{warm if self.problem.heating == 'keep_warm' else ''}"
         )
 
-    @abstractmethod
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         """Why no heating with each heater on once around a soft phase gives it, or None."""
+        if self.problem.heaters_at_once == 1:
+            for one, two, mode in overlaps(sequence, self.first, last):
+                if not self.coasts(one, two) and not self.coasts(two, one):
+                    return refused(mode)
+        return None
+
+    def coasts(self, liquid: Dwell, other: Dwell) -> bool:
+        """True if a segment might stay liquid without heat while another one melts."""
+        del liquid, other
+        return False
 
     @abstractmethod
     def network(

@@ -28,9 +28,9 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
+from twosra_mpc.robot.fitted_paths import with_path_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.path_fitting import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges

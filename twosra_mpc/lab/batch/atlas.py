@@ -181,8 +181,7 @@ def _quotients(group: DataFrame, key: str) -> Array:
     """Duration saved for one more of a key, between its neighbouring values."""
     step = np.diff(group[key].to_numpy(dtype=float))
     saved = -np.diff(group["duration_s"].to_numpy(dtype=float))
-    quotients: Array = saved[step > 0] / step[step > 0]
-    return quotients
+    return saved[step > 0] / step[step > 0]
 
 
 def _failures(runs: DataFrame) -> tuple[Failure, ...]:

@@ -79,8 +79,7 @@ def problems_in(path: Path) -> NDArray[np.int64]:
     Raises:
         InputError: If it is none.
     """
-    numbers: NDArray[np.int64] = _read(path, ["problem"])["problem"].to_numpy()
-    return numbers
+    return _read(path, ["problem"])["problem"].to_numpy()
 
 
 def _read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:

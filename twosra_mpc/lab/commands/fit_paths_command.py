@@ -11,9 +11,14 @@ import tomlkit
 from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.files import write_text
+from twosra_mpc.lab.identification.path_fitting import (
+    CASES,
+    fit_cardioids,
+    fit_spirals,
+    fitted_path_tables,
+)
 from twosra_mpc.robot import paths
 from twosra_mpc.robot.description import Robot, load_robot, robot_document
-from twosra_mpc.robot.path_fitting import CASES, fit_cardioids, fit_spirals, fitted_path_tables
 
 _FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
 

@@ -14,10 +14,10 @@ from twosra_mpc.cli.options import ROBOT, command
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, Tell
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
-from twosra_mpc.execution.serial.port import SteppedClock, SystemClock
-from twosra_mpc.execution.serial.stream import Recorder
 from twosra_mpc.lab.bench.jog import Asked, Jog, Keys, for_a_time, heated_mode, jog, wheels_of_twist
 from twosra_mpc.lab.commands import robot_line
+from twosra_mpc.lab.serial.port import SteppedClock, SystemClock
+from twosra_mpc.lab.serial.stream import Recorder
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, load_robot
 

@@ -9,8 +9,8 @@ import click
 
 from twosra_mpc.cli.output import EXIT_NO_PLAN
 from twosra_mpc.errors import InputError, TwosraError
-from twosra_mpc.execution.serial.port import SerialPort, open_serial_port
-from twosra_mpc.execution.serial.stream import SentLine
+from twosra_mpc.lab.serial.port import SerialPort, open_serial_port
+from twosra_mpc.lab.serial.stream import SentLine
 from twosra_mpc.robot.description import Robot
 
 PORT = click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")

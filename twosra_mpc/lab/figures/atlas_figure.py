@@ -14,14 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import Locator, LogLocator, NullFormatter, SymmetricalLogLocator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.batch.atlas import (
-    Worth,
-    atlas,
-    counted,
-    has_greedy,
-    numeric_keys,
-    plans,
-)
+from twosra_mpc.lab.batch.atlas import Worth, atlas, counted, has_greedy, numeric_keys, plans
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.coordinates import Array
 

@@ -18,13 +18,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plotting import figures, plane
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.path_fitting import (
+from twosra_mpc.lab.identification.path_fitting import (
     CARDIOID_BEND_RAD,
     CASES,
     SPIRAL_BENDS_RAD,
@@ -36,6 +30,12 @@ from twosra_mpc.robot.path_fitting import (
     fit_spirals,
     polar,
 )
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plotting import figures, plane
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.modes import Mode
 
 POSES = 4  # bends the fibre is drawn at, evenly from straight on
 PALE = 0.55  # share of white in the colours of the fibre
@@ -228,5 +228,4 @@ def cardioid_points(fit: CardioidFit, alpha: ArrayLike) -> Array:
 
 def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:
     """Points (n, 2) at distances and turns (n,) about a centre."""
-    points: Array = np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre
-    return points
+    return np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre

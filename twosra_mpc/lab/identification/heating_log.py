@@ -86,8 +86,7 @@ class HeatingLog:
         """Number of the cycle of each sample, from 0 (which also holds what came before)."""
         heating = self.mode == "heating"
         starts = heating & ~np.append(False, heating[:-1])
-        found: NDArray[np.int_] = np.maximum(np.cumsum(starts) - 1, 0)
-        return found
+        return np.maximum(np.cumsum(starts) - 1, 0)
 
     @cached_property
     def spikes(self) -> Flags:
@@ -274,5 +273,4 @@ def spikes(time_s: Array, sensor_C: Array) -> Flags:
 
 
 def _running_median(values: Array, width: int) -> Array:
-    filtered: Array = median_filter(values, min(width, len(values)), mode="mirror")
-    return filtered
+    return median_filter(values, min(width, len(values)), mode="mirror")

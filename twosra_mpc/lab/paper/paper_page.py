@@ -6,10 +6,10 @@ import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from twosra_mpc.files import data_file
+from twosra_mpc.files import data_file, environment
 from twosra_mpc.lab.paper.claims import Verdict
 from twosra_mpc.lab.paper.section import Section
-from twosra_mpc.report.page import environment, policy
+from twosra_mpc.report.page import policy
 from twosra_mpc.report.words import versions
 
 _FOLDER = "lab/paper"

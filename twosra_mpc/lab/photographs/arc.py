@@ -240,17 +240,13 @@ def _drawn(
     u = np.exp(-0.5 * ((np.arange(shape[1])[:, None] - x) / blur) ** 2)
     v = np.exp(-0.5 * ((np.arange(shape[0])[:, None] - y) / blur) ** 2)
     drawn = v @ u.T
-    picture: Array = dark + (peak - dark) * drawn * (along[1] - along[0]) / (
-        np.sqrt(2 * np.pi) * blur
-    )
-    return picture
+    return dark + (peak - dark) * drawn * (along[1] - along[0]) / (np.sqrt(2 * np.pi) * blur)
 
 
 def _values(spline: Array, places: Array) -> Array:
     """Grey values at places (..., 2) [px]."""
     at = np.moveaxis(places, -1, 0)[::-1]
-    found: Array = ndimage.map_coordinates(spline, at, order=3, mode="nearest", prefilter=False)
-    return found
+    return ndimage.map_coordinates(spline, at, order=3, mode="nearest", prefilter=False)
 
 
 def _design(kappa: float, s: Array) -> Array:

@@ -5,16 +5,19 @@ Places in a photograph are in pixels (x right, y down, the middle of the first p
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ImageOps
+from PIL import Image, ImageOps
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import open_image, reading
+from twosra_mpc.files import reading
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, Value
 
@@ -28,6 +31,19 @@ _MARGIN = 3  # px around a segment that is cut out
 _KEYS = -0.75
 
 Mask = NDArray[np.bool_]
+
+
+@contextmanager
+def open_image(path: Path) -> Iterator[Image.Image]:
+    """Open an image (of Pillow) for a block.
+
+    Raises:
+        Exception: Of many kinds, if it is none; also if it is so large that Pillow warns of it.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with Image.open(path) as image:
+            yield image
 
 
 class Camera(Value):

@@ -87,8 +87,7 @@ def _error_curve(q: Array, goal: Array) -> Array:
     distance = np.linalg.norm(q - goal, axis=1)
     rows = np.linspace(0.0, 1.0, len(q))
     curve = np.interp(np.linspace(0.0, 1.0, TIMES), rows, distance / max(distance.max(), 1e-300))
-    rounded: Array = curve.round(6)
-    return rounded
+    return curve.round(6)
 
 
 class SingleMode(NamedTuple):
@@ -114,8 +113,7 @@ def draw_single_mode(seed: int) -> SingleMode:
 
 def draw_generic(seed: int) -> Array:
     """Draw start and target, (2, 5): x, y within 0.25 m, any phi, curvatures within 78 1/m."""
-    drawn: Array = np.random.default_rng(seed).uniform(-GENERIC, GENERIC, (2, len(GENERIC)))
-    return drawn
+    return np.random.default_rng(seed).uniform(-GENERIC, GENERIC, (2, len(GENERIC)))
 
 
 def forward_kinematics(start: Array, mode: Mode, v: Array) -> Array:

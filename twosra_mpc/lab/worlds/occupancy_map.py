@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError, InputWarning
-from twosra_mpc.files import is_device, open_image, read_text, reading
+from twosra_mpc.files import is_device, read_text, reading
 from twosra_mpc.keys import near_key
+from twosra_mpc.lab.photographs.picture import open_image
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array, rotation
@@ -64,8 +65,7 @@ class OccupancyMap:
         """Points [m] of points (..., 2) in cells, to the nanometre."""
         *corner, yaw = self.origin
         turned = self.cell_m * cells @ rotation(yaw)
-        points: Array = np.round(np.array(corner) + turned, 9)
-        return points
+        return np.round(np.array(corner) + turned, 9)
 
 
 def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap:

@@ -9,7 +9,7 @@ from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.solver.fixed_sequence import Candidate
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.sampling import sample
+from twosra_mpc.plans.speed_profile import sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import TemporalNetwork, transition_model

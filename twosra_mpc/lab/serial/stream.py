@@ -22,12 +22,12 @@ from twosra_mpc.execution.playing import Playing
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Executed, Run
 from twosra_mpc.execution.run_log import RunFile, RunRecord
-from twosra_mpc.execution.serial.port import Clock, Port, SteppedClock
-from twosra_mpc.execution.serial.pose_lines import PoseLines
-from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
-from twosra_mpc.execution.think_aside import ThinkAside
 from twosra_mpc.interrupts import deferred_interrupts
+from twosra_mpc.lab.serial.port import Clock, Port, SteppedClock
+from twosra_mpc.lab.serial.pose_lines import PoseLines
+from twosra_mpc.lab.serial.robot import RATE_HZ, SerialRobot, connected
+from twosra_mpc.lab.serial.think_aside import ThinkAside
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array

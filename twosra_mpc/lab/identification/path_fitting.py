@@ -16,7 +16,7 @@ towards +y; the paper's spiral angle theta and the successor's phi are turn + a 
 Source of the set-up: Table I, whose numbers it reproduces to 0.1 % (a, b) and 0.5 % (centre); in
 the table the sign of c_x of row II is that of the mirrored frame.
 
-`with_path_model` gives a robot another path model, fitted where it has no parameters for it.
+`twosra_mpc.robot.fitted_paths` has the fits to the lengths of the built-in robots.
 """
 
 from __future__ import annotations
@@ -29,13 +29,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize_scalar
 
-from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.keys import near_word
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
 
 Case: TypeAlias = Literal["I", "II", "III"]
 
@@ -281,31 +278,3 @@ def _rms(residual: Array) -> float:
 def _written(values: Iterable[float]) -> list[float]:
     """Round to what is worth writing in a file: seven significant digits."""
     return [float(f"{value:z.7g}") for value in values]
-
-
-SPIRALS = ("log_spiral", "log_spiral_corrected")
-
-
-@public
-def with_path_model(robot: Robot, model: str) -> Robot:
-    """Return ``robot`` with the path model of this name.
-
-    A robot that has spiral parameters keeps them for both readings of Table I; parameters that it
-    lacks are fitted to its lengths. ``arc`` measures v_j at the side wheels.
-
-    Raises:
-        InputError: If there is no such path model, or its fit fails.
-    """
-    if model not in PATH_MODELS:
-        allowed = f"one of {', '.join(PATH_MODELS)}"
-        raise InputError("path.model", model, allowed, hint=near_word(model, PATH_MODELS))
-    if model == robot.path.model:
-        return robot
-    table: dict[str, Any]
-    if model == "arc":
-        table = {"model": "arc", "speed_reference": "side_wheel"}
-    elif isinstance(robot.path, LogSpiralPath) and model in SPIRALS:
-        table = {**robot.path.model_dump(), "model": model}
-    else:
-        table = fitted_path_tables(robot)[model]
-    return robot.with_values(path=table)

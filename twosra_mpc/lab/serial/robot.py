@@ -19,7 +19,9 @@ import numpy as np
 from twosra_mpc.arguments import check_size, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
-from twosra_mpc.execution.serial.port import (
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.interrupts import Interrupts, deferred_interrupts
+from twosra_mpc.lab.serial.port import (
     HIGHEST_RATE_HZ,
     Clock,
     Port,
@@ -28,14 +30,7 @@ from twosra_mpc.execution.serial.port import (
     parse_report,
     stop_command,
 )
-from twosra_mpc.execution.serial.segments import (
-    MEDIAN_OF,
-    ColdSegment,
-    ModelledSegment,
-    ReportedSegment,
-)
-from twosra_mpc.execution.settings import Patience
-from twosra_mpc.interrupts import Interrupts, deferred_interrupts
+from twosra_mpc.lab.serial.segments import MEDIAN_OF, ColdSegment, ModelledSegment, ReportedSegment
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
