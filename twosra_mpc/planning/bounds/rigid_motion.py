@@ -125,11 +125,7 @@ def _bound_to(
 
 
 def _bound_around(
-    vertices: Array,
-    shift: Array,
-    shift_box: Array,
-    turns: tuple[float, float],
-    modulo: bool,
+    vertices: Array, shift: Array, shift_box: Array, turns: tuple[float, float], modulo: bool
 ) -> float:
     """Best bound with C(phi) = a phi + what has a period of 2 pi; a = 0 if full turns are equal.
 

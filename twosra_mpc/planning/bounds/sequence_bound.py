@@ -69,10 +69,7 @@ class SequenceBound:
 
 
 def sequence_bound(
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    least_durations: Sequence[float],
+    network: TemporalNetwork, task: BendingTask, weights: Weights, least_durations: Sequence[float]
 ) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
 

@@ -17,10 +17,7 @@ Box = tuple[Array, Array]
 
 
 def stage_bends(
-    problem: Problem,
-    goals: Sequence[GoalSet],
-    sequences: Sequence[ModeSequence],
-    relaxed: Array,
+    problem: Problem, goals: Sequence[GoalSet], sequences: Sequence[ModeSequence], relaxed: Array
 ) -> list[Array]:
     """Change of W in each phase of each stage.
 
