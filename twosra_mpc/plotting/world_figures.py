@@ -10,6 +10,7 @@ import shapely
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon, Rectangle
+from numpy.typing import NDArray
 
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plotting import figures
@@ -113,7 +114,7 @@ def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any
     return entries
 
 
-def _within(problem: Problem, low: Array, high: Array) -> Sequence[Any]:
+def _within(problem: Problem, low: Array, high: Array) -> NDArray[Any]:
     """Of each obstacle what is within a box, as shapely has it."""
     polygons = [shapely.Polygon(obstacle.inner_corners_m) for obstacle in problem.obstacles]
     return shapely.clip_by_rect(polygons, *low, *high)
