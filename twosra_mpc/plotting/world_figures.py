@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import shapely
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon, Rectangle
-from numpy.typing import NDArray
 
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plotting import figures
@@ -35,16 +33,14 @@ def shown_m(problem: Problem, points: Array) -> Array:
     seen = points.reshape(-1, 2)
     low, high = seen.min(axis=0), seen.max(axis=0)
     near = max(_NEAR * float((high - low).max()), _LEAST_NEAR_M)
-    return np.concatenate(
-        [seen, shapely.get_coordinates(_within(problem, low - near, high + near))]
-    )
+    parts = problem.world.within(low - near, high + near)
+    return np.concatenate([seen, *(corners for _, corners, _ in parts)])
 
 
 def names_m(problem: Problem, points: Array) -> dict[str, tuple[float, float]]:
     """Name of each obstacle in the box of some points (k, 2) -> middle of its part there [m]."""
-    parts = _within(problem, points.min(axis=0), points.max(axis=0))
-    named = zip(problem.world.names, shapely.centroid(parts), strict=True)
-    return {name: (middle.x, middle.y) for name, middle in named if not middle.is_empty}
+    parts = problem.world.within(points.min(axis=0), points.max(axis=0))
+    return {name: middle for name, _, middle in parts}
 
 
 def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) -> None:
@@ -112,9 +108,3 @@ def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any
         at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:z.1f} s"
         entries[f"nearest: {at}"] = line(figures.NEAREST_COLOUR, 1.6)
     return entries
-
-
-def _within(problem: Problem, low: Array, high: Array) -> NDArray[Any]:
-    """Of each obstacle what is within a box, as shapely has it."""
-    polygons = [shapely.Polygon(obstacle.inner_corners_m) for obstacle in problem.obstacles]
-    return shapely.clip_by_rect(polygons, *low, *high)
