@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness_controller import Event, StiffnessController
-from twosra_mpc.control.thermistor import TemperatureSensor
+from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Stiffness
@@ -27,16 +27,11 @@ SETTLED_K = 2.0  # settled: this close to the set-point from then on
 
 
 @dataclass(frozen=True)
-class LinearMap:
+class LinearMap(NtcDivider):
     """The paper's idealised sensor: voltage rises in a straight line with temperature."""
 
     range_C: tuple[float, float] = (0.0, 85.0)
     range_V: tuple[float, float] = (1.1, 3.3)
-
-    @property
-    def supply_V(self) -> float:
-        """Upper end of the line."""
-        return self.range_V[1]
 
     def voltage_V(self, temperature_C: float) -> float:
         """Voltage on the line, or its extension."""

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.control.thermistor import (
-    Characteristic,
     NtcDivider,
     TemperatureSensor,
     follow,
@@ -33,7 +32,7 @@ TEMPERATURES_C = st.floats(0.5, 84.5)
 LAGS_S = st.one_of(st.just(0.0), st.floats(0.1, 20.0))
 
 
-def quiet(circuit: Characteristic = FALLING) -> TemperatureSensor:
+def quiet(circuit: NtcDivider = FALLING) -> TemperatureSensor:
     """A sensor that the firmware knows exactly."""
     return TemperatureSensor(25.0, part=circuit, assumed=circuit)
 
@@ -68,16 +67,14 @@ def test_the_default_divider_resolves_three_hundredths_of_a_degree() -> None:
 
 @CIRCUITS
 @given(temperature_C=TEMPERATURES_C)
-def test_decoding_undoes_the_circuit(circuit: Characteristic, temperature_C: float) -> None:
+def test_decoding_undoes_the_circuit(circuit: NtcDivider, temperature_C: float) -> None:
     voltage = circuit.voltage_V(temperature_C)
     assert circuit.temperature_C(voltage) == pytest.approx(temperature_C, abs=1e-9)
 
 
 @CIRCUITS
 @given(temperature_C=TEMPERATURES_C)
-def test_a_reading_is_off_by_half_a_code_at_most(
-    circuit: Characteristic, temperature_C: float
-) -> None:
+def test_a_reading_is_off_by_half_a_code_at_most(circuit: NtcDivider, temperature_C: float) -> None:
     sensor = quiet(circuit)
     step_V = circuit.supply_V / 4095
     voltage = circuit.voltage_V(temperature_C)
@@ -127,7 +124,7 @@ def test_the_papers_line_misreads_a_divider(temperature_C: float, off_K: float) 
 
 @CIRCUITS
 @pytest.mark.parametrize("resistance_ohm", [1e12, 0.0], ids=["open", "short"])
-def test_a_broken_wire_reads_as_a_fault(circuit: Characteristic, resistance_ohm: float) -> None:
+def test_a_broken_wire_reads_as_a_fault(circuit: NtcDivider, resistance_ohm: float) -> None:
     sensor = quiet(circuit)
     broken = replace(FALLING, resistance_25_ohm=resistance_ohm, supply_V=circuit.supply_V)
     assert math.isnan(replace(sensor, part=broken).read_C(sensor.settled(40.0)))
@@ -135,7 +132,7 @@ def test_a_broken_wire_reads_as_a_fault(circuit: Characteristic, resistance_ohm:
 
 
 @CIRCUITS
-def test_temperatures_outside_the_circuits_range_read_as_a_fault(circuit: Characteristic) -> None:
+def test_temperatures_outside_the_circuits_range_read_as_a_fault(circuit: NtcDivider) -> None:
     sensor = quiet(circuit)
     coldest, hottest = circuit.range_C
     for outside in (coldest - 2.0, hottest + 2.0):

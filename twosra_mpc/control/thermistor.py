@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import Robot
@@ -20,24 +19,6 @@ Lag = tuple[float, float]
 
 _ZERO_C_K = 273.15  # kelvin of 0 degrees C
 _ROOM_K = 298.15  # 25 degrees C, at which resistances are stated
-
-
-class Characteristic(Protocol):
-    """Voltage of a sensor circuit as a function of temperature."""
-
-    @property
-    def supply_V(self) -> float:
-        """Voltage of the supply, which is also the converter's full scale."""
-
-    @property
-    def range_C(self) -> tuple[float, float]:
-        """Coldest and hottest temperature the circuit is made for."""
-
-    def voltage_V(self, temperature_C: float) -> float:
-        """Voltage at a temperature."""
-
-    def temperature_C(self, voltage_V: float) -> float:
-        """Temperature at a voltage strictly between 0 and the supply."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +87,8 @@ class TemperatureSensor:
     """
 
     ambient_C: float
-    part: Characteristic = STANDARD
-    assumed: Characteristic = STANDARD
+    part: NtcDivider = STANDARD
+    assumed: NtcDivider = STANDARD
     gain: float = 1.0
     lags_s: tuple[float, float] = (4.0, 4.0)
     noise_C: float = 0.02
@@ -189,7 +170,7 @@ def _passed_on(tau_1: float, tau_2: float, duration_s: float) -> float:
 
 
 def temperature_sensor(
-    robot: Robot, ambient_C: float, segment: int, part: Characteristic = STANDARD
+    robot: Robot, ambient_C: float, segment: int, part: NtcDivider = STANDARD
 ) -> TemperatureSensor:
     """Build the sensor of a segment; gain and lag are those of the robot's file, if it has any.
 

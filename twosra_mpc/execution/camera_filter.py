@@ -67,8 +67,7 @@ class CameraFilter:
     @property
     def deviation(self) -> Array:
         """Standard deviation of each coordinate, (3 + n,)."""
-        root: Array = np.sqrt(self.variance)
-        return root
+        return np.sqrt(self.variance)
 
     def forget_response(self) -> None:
         """Another mode begins: nothing is known of its response."""
@@ -164,8 +163,7 @@ class CameraFilter:
     def _spread(self, moved: Array) -> Array:
         """Variance of where the robot was before it has ``moved``."""
         there = self._shared - moved * self._doubt
-        spread: Array = self.variance - moved * self._shared - moved * there
-        return spread
+        return self.variance - moved * self._shared - moved * there
 
     def _take(self, frame: Array, moved: Array, variance: Array) -> None:
         """Correct by one frame, or the mean of several, since which the model has ``moved``."""

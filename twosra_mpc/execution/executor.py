@@ -62,10 +62,7 @@ def run_controller(
 
 @public
 def plan_controller(
-    plan: Plan,
-    camera: Camera,
-    settings: ExecutorSettings | None = None,
-    think: Think = find_plan,
+    plan: Plan, camera: Camera, settings: ExecutorSettings | None = None, think: Think = find_plan
 ) -> Controller:
     """Controller that follows a plan by a camera, and plans the rest again where it must.
 

@@ -53,8 +53,7 @@ class Camera:
     def variance(self, coordinates: Coordinates) -> Array:
         """Of one frame, rounding included, (3 + n,)."""
         noise, step = coordinates.each(*self.noise), coordinates.each(*self.step)
-        spread: Array = np.square(noise) + np.square(step) / 12
-        return spread
+        return np.square(noise) + np.square(step) / 12
 
 
 @public

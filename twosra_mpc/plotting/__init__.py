@@ -5,7 +5,11 @@ it and returns them; ``animate_...`` makes a film that a notebook shows. Nothing
 display or changes ``rcParams``.
 """
 
-import twosra_mpc.plotting.quiet  # noqa: F401  # first: matplotlib speaks when it is imported
+import logging
+
 from twosra_mpc import exported
+
+# Matplotlib's advice is for those who set up logging; else it would stand on standard error.
+logging.getLogger("matplotlib").addHandler(logging.NullHandler())
 
 __getattr__, __dir__, __all__ = exported(__name__)

@@ -73,21 +73,20 @@ class Playback:
     objects: Array = field(default_factory=lambda: np.zeros((PLACES, 0, POSE)))
     targets: tuple[tuple[int, Array], ...] = ()
 
-    def stage(self, row: int) -> str:
-        """Task that is worked on, in words; empty without a mission, and at its end."""
-        time_s = self.time_s[row] + SAME_TIME_S
-        for number, stage in enumerate(self.stages, start=1):
-            if time_s < stage.to_s:
-                return f"{number} of {len(self.stages)}: {stage.words}"
-        return ""
-
     def states(self, row: int) -> list[State]:
         """State of each segment."""
         return [state_at(each, self.time_s[row]) for each in self.intervals]
 
     def doing(self, row: int) -> str:
-        """Activity in words: motion first, then what is waited for."""
+        """Activity in words, after the task that it is for, if there is one."""
         time_s = self.time_s[row] + SAME_TIME_S
+        for number, stage in enumerate(self.stages, start=1):
+            if time_s < stage.to_s:
+                return f"{number} of {len(self.stages)}: {stage.words}; {self._moving(row, time_s)}"
+        return self._moving(row, time_s)
+
+    def _moving(self, row: int, time_s: float) -> str:
+        """Motion first, then what is waited for."""
         for phase in self.phases:
             if phase.start_s <= time_s < phase.end_s:
                 verb = "driving" if is_rigid(phase.mode) else "bending"

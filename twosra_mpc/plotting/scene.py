@@ -133,8 +133,6 @@ class Scene:
             pace = playback.stretch.seconds_per_length(time_s) / self._duration_s
             told = f"{pace:z.0f} times as fast" if pace > 1.5 else f"at {pace:z.2g} of its speed"
             doing = f"{playback.doing(row)}  ({told})"
-            if stage := playback.stage(row):
-                doing = f"{stage}; {doing}"
         style: dict[str, Any] = {"transform": self._plane.transAxes, "va": "top", "zorder": 9}
         style["bbox"] = figures.BEHIND_WORDS
         return [

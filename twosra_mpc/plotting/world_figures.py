@@ -9,8 +9,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon, Rectangle
-from matplotlib.path import Path
-from matplotlib.transforms import Bbox
 
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plotting import figures
@@ -21,7 +19,6 @@ from twosra_mpc.robot.coordinates import Array
 
 _FAR_M = 100.0  # edges of what is free: out of every picture
 _NEAR, _LEAST_NEAR_M = 0.2, 0.05  # around a motion, in its size: obstacles there are shown
-_FLAT_M2 = 1e-9  # a smaller polygon has no centroid but its corners' mean
 OBSTACLE: dict[str, Any] = {
     "fc": figures.OBSTACLE_COLOUR,
     "ec": figures.OBSTACLE_EDGE_COLOUR,
@@ -36,17 +33,14 @@ def shown_m(problem: Problem, points: Array) -> Array:
     seen = points.reshape(-1, 2)
     low, high = seen.min(axis=0), seen.max(axis=0)
     near = max(_NEAR * float((high - low).max()), _LEAST_NEAR_M)
-    around = Bbox([low - near, high + near])
-    parts = [_within(obstacle.corners_m, around) for obstacle in problem.obstacles]
-    return np.concatenate([seen, *parts])
+    parts = problem.world.within(low - near, high + near)
+    return np.concatenate([seen, *(corners for _, corners, _ in parts)])
 
 
 def names_m(problem: Problem, points: Array) -> dict[str, tuple[float, float]]:
     """Name of each obstacle in the box of some points (k, 2) -> middle of its part there [m]."""
-    picture = Bbox([points.min(axis=0), points.max(axis=0)])
-    seen = [_within(obstacle.inner_corners_m, picture) for obstacle in problem.obstacles]
-    named = zip(problem.world.names, seen, strict=True)
-    return {name: _middle(part) for name, part in named if len(part) > 2}
+    parts = problem.world.within(points.min(axis=0), points.max(axis=0))
+    return {name: middle for name, _, middle in parts}
 
 
 def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) -> None:
@@ -58,7 +52,7 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
         low, high = np.clip(problem.workspace.corners_m, -_FAR_M, _FAR_M)
         style: dict[str, Any] = {"fill": False, "ec": "0.4", "lw": 0.8, "zorder": 1}
         ax.add_artist(Rectangle(tuple(low), *(high - low), **style))
-    picture = Bbox([points.min(axis=0), points.max(axis=0)])
+    seen = points.min(axis=0), points.max(axis=0)
     words: dict[str, Any] = {"fontsize": size_pt, "zorder": 2.5}
     for obstacle in problem.obstacles:
         ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
@@ -68,7 +62,7 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
-        x, y = np.clip((low[0], high[1]), picture.min, picture.max).tolist()
+        x, y = np.clip((low[0], high[1]), *seen).tolist()
         above = "bottom" if y == high[1] else "top"
         told = task.name or f"task {number}"
         label(ax, told, (x, y), va=above, color=figures.TASK_COLOUR, **words)
@@ -114,20 +108,3 @@ def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any
         at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:z.1f} s"
         entries[f"nearest: {at}"] = line(figures.NEAREST_COLOUR, 1.6)
     return entries
-
-
-def _middle(corners: Array) -> tuple[float, float]:
-    """Centroid of a polygon (m, 2), or of its corners if it is flat."""
-    after = np.roll(corners, -1, axis=0)
-    weights = corners[:, 0] * after[:, 1] - after[:, 0] * corners[:, 1]
-    if abs(weights.sum()) < _FLAT_M2:
-        x, y = corners.mean(axis=0).tolist()
-    else:
-        x, y = (weights @ (corners + after) / weights.sum() / 3).tolist()
-    return x, y
-
-
-def _within(corners: Array, box: Bbox) -> Array:
-    """Corners of the part of a polygon (m, 2) that is within a box, (k, 2)."""
-    clipped = Path(corners, closed=False).clip_to_bbox(box)
-    return np.asarray(clipped.vertices, dtype=float).reshape(-1, 2)

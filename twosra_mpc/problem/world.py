@@ -171,6 +171,16 @@ class World(Value):
         """Name of each obstacle; of one without, its number from 1."""
         return tuple(item.name or f"obstacle {i}" for i, item in enumerate(self.obstacles, start=1))
 
+    def within(self, low: Array, high: Array) -> Iterator[tuple[str, Array, tuple[float, float]]]:
+        """Yield of each obstacle that is in a box (2,) its name, and corners and middle there."""
+        import shapely
+
+        polygons = [shapely.Polygon(obstacle.inner_corners_m) for obstacle in self.obstacles]
+        parts = shapely.clip_by_rect(polygons, *low, *high)
+        for name, part in zip(self.names, parts, strict=True):
+            if not part.is_empty:
+                yield name, shapely.get_coordinates(part), (part.centroid.x, part.centroid.y)
+
 
 def names_twice(obstacles: Sequence[str], objects: Sequence[str] = ()) -> Iterator[InputError]:
     """Yield every name of an obstacle or object that one before it has."""

@@ -75,15 +75,9 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
         "temperature_C": np.round(playback.temperature_C, 2).tolist(),
         "melt_fraction": np.round(playback.melt_fraction, 4).tolist(),
         "current_A": np.round(plan.trajectory.at(times).heater_current_A, 4).tolist(),
-        "doing": [*(_doing(playback, row) for row in range(PLACES - 1)), "the end of the plan"],
+        "doing": [*map(playback.doing, range(PLACES - 1)), "the end of the plan"],
         "events": sorted(event for event in events if event < PLACES),
     }
-
-
-def _doing(playback: Playback, row: int) -> str:
-    """Activity, after the task that it is for."""
-    stage = playback.stage(row)
-    return f"{stage}; {playback.doing(row)}" if stage else playback.doing(row)
 
 
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:

@@ -159,8 +159,7 @@ class Setup:
 
     def _of_outputs(self, position: float, heading: float, curvature: float) -> Array:
         each = self.coordinates.each(position, heading, curvature)
-        values: Array = self.outputs.selection @ each
-        return values
+        return self.outputs.selection @ each
 
     @property
     def rho(self) -> float:

@@ -69,10 +69,7 @@ class SequenceBound:
 
 
 def sequence_bound(
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    least_durations: Sequence[float],
+    network: TemporalNetwork, task: BendingTask, weights: Weights, least_durations: Sequence[float]
 ) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
 
@@ -98,8 +95,7 @@ def quickest_bends(sequence: ModeSequence, task: BendingTask, weights: Weights) 
 def mean_bends(sequence: ModeSequence, task: BendingTask) -> Array:
     """Bends to the middle, for where the solver gives up: what each phase takes by itself holds."""
     middle = np.array(task.change).mean(axis=1)
-    found: Array = np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
-    return found
+    return np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
 
 
 def longest_path_bound(

@@ -40,14 +40,12 @@ class Block:
     @property
     def displacement(self) -> Array:
         """Pose of b0 at the end, as seen from its pose at the beginning, (3,)."""
-        end: Array = self.nodes[-1, :POSE]
-        return end
+        return self.nodes[-1, :POSE]
 
     @property
     def shape(self) -> Array:
         """Curvatures at the end, (n,)."""
-        end: Array = self.nodes[-1, POSE:]
-        return end
+        return self.nodes[-1, POSE:]
 
 
 def block(
@@ -116,5 +114,4 @@ def _travel_m(nodes: Array, geometry: Geometry, radius: float) -> Array:
     moved, left = np.abs(np.diff(nodes, axis=0)), geometry.inner_link_of_b0
     by_bending = moved[:, POSE:] * reach_per_curvature_m2(geometry)
     bent = np.maximum(by_bending[:, :left].sum(axis=1), by_bending[:, left:].sum(axis=1))
-    travel: Array = _CURVED * (np.hypot(moved[:, 0], moved[:, 1]) + radius * moved[:, 2] + bent)
-    return travel
+    return _CURVED * (np.hypot(moved[:, 0], moved[:, 1]) + radius * moved[:, 2] + bent)

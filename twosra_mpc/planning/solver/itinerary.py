@@ -398,8 +398,7 @@ def _all(poses: Array) -> Bools:
 def _different(poses: Array) -> Array:
     """The poses without repetitions, in their order."""
     _, first = np.unique(poses.round(9), axis=0, return_index=True)
-    found: Array = poses[np.sort(first)]
-    return found
+    return poses[np.sort(first)]
 
 
 def _middle(low: Array, high: Array, otherwise: Array) -> Array:

@@ -128,12 +128,7 @@ class Placer:
         if key not in self._drives:
             robot = self.variants[0].problem.robot
             self._drives[key] = Drives(
-                robot,
-                stage.world,
-                shape,
-                held=stage.held,
-                may=stage.may,
-                sagitta_m=stage.sagitta_m,
+                robot, stage.world, shape, held=stage.held, may=stage.may, sagitta_m=stage.sagitta_m
             )
         return self._drives[key]
 

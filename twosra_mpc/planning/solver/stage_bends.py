@@ -17,10 +17,7 @@ Box = tuple[Array, Array]
 
 
 def stage_bends(
-    problem: Problem,
-    goals: Sequence[GoalSet],
-    sequences: Sequence[ModeSequence],
-    relaxed: Array,
+    problem: Problem, goals: Sequence[GoalSet], sequences: Sequence[ModeSequence], relaxed: Array
 ) -> list[Array]:
     """Change of W in each phase of each stage.
 
@@ -55,8 +52,7 @@ def _into(sequence: ModeSequence, bends: Array, box: Array) -> Array:
     incidence = np.array(sequence, dtype=float).T
     reached = incidence @ bends
     step, *_ = np.linalg.lstsq(incidence, np.clip(reached, *box) - reached, rcond=1e-12)
-    moved: Array = bends + step
-    return moved
+    return bends + step
 
 
 def shapes(problem: Problem, sequences: Sequence[ModeSequence], bends: Sequence[Array]) -> Array:
