@@ -5,16 +5,20 @@ from __future__ import annotations
 import re
 import shlex
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from conftest import Run
+from distributed import Client, LocalCluster
 from once import solved
 
 from twosra_mpc import Problem, Result, load_problem, load_robot
 from twosra_mpc.cli import options
+from twosra_mpc.lab.batch import workers
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
@@ -84,6 +88,7 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
     monkeypatch.setattr(options, "load_problem", load_briefly)
+    monkeypatch.setattr(workers, "local_cluster", cluster_here)
     monkeypatch.setattr(statistics, "random_runs", few_runs)
     monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
     proved.save(tmp_path / "plan.json")
@@ -93,6 +98,16 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 def load_briefly(asked: str, **overrides: Any) -> Problem:
     """Load a scenario for which the first good plan will do."""
     return load_problem(asked, **{"work_limit": 4500.0, **overrides})
+
+
+@contextmanager
+def cluster_here(_workers: int | None) -> Iterator[Client]:
+    """A worker in this process, which need not import all that there is."""
+    with (
+        LocalCluster(1, 1, processes=False, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
 
 
 def few_runs(_problems: int, kind: Kind) -> list[RandomRun]:
