@@ -15,6 +15,7 @@ import pytest
 from conftest import Run
 from distributed import Client, LocalCluster
 from once import solved
+from test_cli_output import examples
 
 from twosra_mpc import Problem, Result, load_problem, load_robot
 from twosra_mpc.cli import options
@@ -57,8 +58,15 @@ def commands(page: Path) -> list[str]:
     return [line.split(" #")[0].strip() for line in lines if line.startswith("twosra ")]
 
 
-# A command that several pages show is run once, as on the first of them.
-COMMANDS = {command: page for page in reversed(PAGES) for command in reversed(commands(page))}
+# A command that several pages show is run once, as on the first of them; if it is an example of its
+# help and names no scenario, which would be a quicker one there, with those (test_cli_output).
+HELPED = {e for name in ("export", "jog", "report", "stream", "verify") for e in examples(name)}
+COMMANDS = {
+    command: page
+    for page in reversed(PAGES)
+    for command in reversed(commands(page))
+    if command not in HELPED
+}
 PYTHON = [
     pytest.param(page, block.text, id=f"{page.stem}-{number}")
     for page in PAGES
