@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import pytest
 from conftest import Run
 from distributed import Client, LocalCluster
+from matplotlib.figure import Figure
 from once import solved
 from test_cli_output import examples
 
-from twosra_mpc import Problem, Result, load_problem, load_robot
+from twosra_mpc import Plan, Problem, Result, load_problem, load_robot, plotting
 from twosra_mpc.cli import options
 from twosra_mpc.lab.batch import workers
 from twosra_mpc.lab.batch.problems import Problems
@@ -97,6 +98,7 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
     monkeypatch.setattr(options, "load_problem", load_briefly)
     monkeypatch.setattr(workers, "local_cluster", cluster_here)
+    monkeypatch.setattr(plotting, "plot_plan", blank)
     monkeypatch.setattr(statistics, "random_runs", few_runs)
     monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
     proved.save(tmp_path / "plan.json")
@@ -106,6 +108,14 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 def load_briefly(asked: str, **overrides: Any) -> Problem:
     """Load a scenario for which the first good plan will do."""
     return load_problem(asked, **{"work_limit": 4500.0, **overrides})
+
+
+def blank(_: Plan, path: Path | None = None) -> Figure:
+    """A figure that takes no time; the real ones have tests of their own."""
+    figure = Figure(figsize=(1, 1))
+    if path is not None:
+        figure.savefig(path)
+    return figure
 
 
 @contextmanager
