@@ -12,14 +12,15 @@ from twosra_mpc.execution import LEVELS, SimulatedRobot, plan_controller
 made = plan(load_problem("paper-2")).require()
 robot = SimulatedRobot(made.problem, "arc", LEVELS["mild"], seed=1)  # or your own
 
-controller = plan_controller(made, robot.camera)
+controller, kept = plan_controller(made, robot.camera), b""
 try:
     while controller.verdict is None:
         command = controller.step(robot.read())
         robot.send(command.wheel_rad_s, command.heater_setpoint_C)
         robot.wait(command.at_most_s)
-        if controller.belief.changes and controller.belief.stands:  # a good moment to be stopped
-            controller = pickle.loads(pickle.dumps(controller))
+        if not kept and controller.belief.changes and controller.belief.stands:
+            kept = pickle.dumps(controller)  # here or at any other moment
+            controller = pickle.loads(kept)
 finally:  # whatever happens, wheels stand and heaters are off
     robot.send(0 * command.wheel_rad_s, 0 * command.heater_setpoint_C)
 

@@ -10,7 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,12 +45,12 @@ CORNERS = """scenario = "shape-change"
 DRAWN = """[random]
 robot = "2sra-v1"
 seed = 2
-count = 40
+count = 16
 position_m = 0.25
 heading_rad = 3.14
 curvature_per_m = 60.0
 """
-COUNT = 40
+COUNT = 16
 TIMES = ["wall_s", "cpu_s", "greedy_wall_s", "greedy_cpu_s"]
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not have the tests
@@ -219,6 +218,23 @@ def test_the_examples_run(
         assert "problems 1" in out
 
 
+# The program, which gets a signal once it has written what the first problems came to.
+ENDED = """
+import os, signal, sys
+from twosra_mpc import __main__
+from twosra_mpc.lab.batch.folder import Folder
+def added(self, chunk):
+    add(self, chunk)
+    if sys.argv[0] == "SIGINT":
+        os.killpg(0, signal.SIGINT)  # a terminal sends it to the workers, too
+    else:
+        os.kill(os.getpid(), signal.SIGKILL)
+add, Folder.add = Folder.add, added
+sys.argv[:2] = sys.argv[1:2]
+__main__.main()
+"""
+
+
 def test_a_batch_goes_on_whatever_ended_it(
     client: Client,
     drawn: Path,
@@ -229,26 +245,22 @@ def test_a_batch_goes_on_whatever_ended_it(
     """Of the signals that the program catches, one: they are one to it (see test_cli)."""
     runs = drawn.parent / "runs"
     words = ["batch", str(drawn), "--out", str(runs), "--workers", "1"]
-    arguments = [sys.executable, "-m", "twosra_mpc", *words]
     (scratch := drawn.parent / "scratch").mkdir()
-    environment = os.environ | {"TMPDIR": str(scratch)}
     for number in (signal.SIGINT, signal.SIGKILL):
-        before = set((runs / "parts").glob("[!.]*"))
-        with subprocess.Popen(
-            arguments, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
-        ) as program:
-            while program.poll() is None and before == set((runs / "parts").glob("[!.]*")):
-                time.sleep(0.02)
-            # A terminal sends it to the workers, too.
-            (os.killpg if number == signal.SIGINT else os.kill)(program.pid, number)
-            _, err = program.communicate(timeout=120)
+        ended = subprocess.run(
+            [sys.executable, "-c", ENDED, number.name, *words],
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env=os.environ | {"TMPDIR": str(scratch)},
+        )
         done = read_runs(runs)
         if number == signal.SIGKILL:
-            assert program.returncode == -signal.SIGKILL
+            assert ended.returncode == -signal.SIGKILL
         else:
             said = f"twosra: interrupted: {len(done)} of {COUNT} problems are planned; the same"
-            assert (program.returncode, len(err.splitlines())) == (130, 1), err
-            assert err.startswith(said)
+            assert (ended.returncode, len(ended.stderr.splitlines())) == (130, 1), ended.stderr
+            assert ended.stderr.startswith(said)
             assert not list(scratch.iterdir())
     assert 4 <= len(done) < COUNT
     monkeypatch.setattr(workers, "local_cluster", lambda _: contextlib.nullcontext(client))

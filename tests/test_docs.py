@@ -5,16 +5,22 @@ from __future__ import annotations
 import re
 import shlex
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from conftest import Run
+from distributed import Client, LocalCluster
+from matplotlib.figure import Figure
 from once import solved
+from test_cli_output import examples
 
-from twosra_mpc import Problem, Result, load_problem, load_robot
+from twosra_mpc import Plan, Problem, Result, load_problem, load_robot, plotting
 from twosra_mpc.cli import options
+from twosra_mpc.lab.batch import workers
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
@@ -53,8 +59,15 @@ def commands(page: Path) -> list[str]:
     return [line.split(" #")[0].strip() for line in lines if line.startswith("twosra ")]
 
 
-# A command that several pages show is run once, as on the first of them.
-COMMANDS = {command: page for page in reversed(PAGES) for command in reversed(commands(page))}
+# A command that several pages show is run once, as on the first of them; if it is an example of its
+# help and names no scenario, which would be a quicker one there, with those (test_cli_output).
+HELPED = {e for name in ("export", "jog", "report", "stream", "verify") for e in examples(name)}
+COMMANDS = {
+    command: page
+    for page in reversed(PAGES)
+    for command in reversed(commands(page))
+    if command not in HELPED
+}
 PYTHON = [
     pytest.param(page, block.text, id=f"{page.stem}-{number}")
     for page in PAGES
@@ -84,6 +97,8 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
     monkeypatch.setattr(options, "load_problem", load_briefly)
+    monkeypatch.setattr(workers, "local_cluster", cluster_here)
+    monkeypatch.setattr(plotting, "plot_plan", blank)
     monkeypatch.setattr(statistics, "random_runs", few_runs)
     monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
     proved.save(tmp_path / "plan.json")
@@ -93,6 +108,24 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 def load_briefly(asked: str, **overrides: Any) -> Problem:
     """Load a scenario for which the first good plan will do."""
     return load_problem(asked, **{"work_limit": 4500.0, **overrides})
+
+
+def blank(_: Plan, path: Path | None = None) -> Figure:
+    """A figure that takes no time; the real ones have tests of their own."""
+    figure = Figure(figsize=(1, 1))
+    if path is not None:
+        figure.savefig(path)
+    return figure
+
+
+@contextmanager
+def cluster_here(_workers: int | None) -> Iterator[Client]:
+    """A worker in this process, which need not import all that there is."""
+    with (
+        LocalCluster(1, 1, processes=False, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
 
 
 def few_runs(_problems: int, kind: Kind) -> list[RandomRun]:

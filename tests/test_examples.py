@@ -5,9 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
-import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -66,16 +63,3 @@ def test_a_driver_may_be_a_subclass_that_sets_its_attributes() -> None:
 
     robot = load_robot("3sra")
     assert Driver(robot).robot is robot
-
-
-def test_a_type_checker_has_nothing_to_say_to_the_documentation(tmp_path: Path) -> None:
-    """As to the package, examples and a user's script: with the cache of that run, it is quick."""
-    pytest.importorskip("mypy")
-    for number, page in enumerate([ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]):
-        code = re.findall(r"^```python.*?\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
-        (tmp_path / f"{page.stem.replace('-', '_')}_{number}.py").write_text("\n".join(code))
-    pages = map(str, tmp_path.iterdir())
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy", *pages], cwd=ROOT, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout

@@ -17,6 +17,7 @@ from IPython.core.displayhook import DisplayHook
 from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import CapturedIO, capture_output
 from nbformat import NotebookNode
+from test_reproduce import draw_little
 from traitlets.config import Config
 
 from twosra_mpc.plotting import film
@@ -50,8 +51,9 @@ class Shell(InteractiveShell):
 
 @pytest.fixture
 def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Shell]:
-    """A shell in an unrelated folder, where warnings are errors and films short."""
+    """A shell in an unrelated folder: warnings are errors, films short, reports not drawn."""
     monkeypatch.chdir(tmp_path)
+    draw_little(monkeypatch)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])  # a shell has its own

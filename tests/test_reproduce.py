@@ -110,16 +110,21 @@ def test_a_claim_whose_plan_was_not_found_is_undecided_and_says_why(
 def quick() -> Iterator[None]:
     """Draw little where figures have tests of their own; the longer mission is left out."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in (
-            (published_tasks, "plot_published_tasks"),
-            (published_tasks, "plot_error_decrease"),
-            (unit_paths, "plot_paths"),
-            (applications, "plot_plan"),
-            (statistics, "plot_forward_kinematics"),
-        ):
-            patch.setattr(module, name, lambda *given: Figure(figsize=(1, 1)).savefig(given[-1]))
+        draw_little(patch)
         patch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
         yield
+
+
+def draw_little(patch: pytest.MonkeyPatch) -> None:
+    """Let the report's figures be blank."""
+    for module, name in (
+        (published_tasks, "plot_published_tasks"),
+        (published_tasks, "plot_error_decrease"),
+        (unit_paths, "plot_paths"),
+        (applications, "plot_plan"),
+        (statistics, "plot_forward_kinematics"),
+    ):
+        patch.setattr(module, name, lambda *given: Figure(figsize=(1, 1)).savefig(given[-1]))
 
 
 def write_log(path: Path, columns: tuple[str, ...] = HEADER) -> Path:

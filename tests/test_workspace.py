@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from once import planned
 from problems import ROBOT
 
-from twosra_mpc import InputError, Plan, Problem, Status, load_problem, load_robot, plan
+from twosra_mpc import InputError, Plan, Problem, Status, load_plan, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.model.outline import robot_shape
@@ -51,7 +51,7 @@ def cut(name: str, side: int, axis: int) -> Workspace:
 CUTS = [("paper-2", 0, 1), ("shape-change", 0, 1), ("paper-4", 1, 0)]
 
 
-@pytest.mark.parametrize(("name", "side", "axis"), CUTS)
+@pytest.mark.parametrize(("name", "side", "axis"), CUTS[:2])  # across x: the drive below
 def test_a_plan_that_leaves_is_made_anew_inside(name: str, side: int, axis: int) -> None:
     box = cut(name, side, axis)
     assert box.margin_m(visited(planned(name))).min() < -0.01
@@ -134,7 +134,7 @@ def test_no_plan_inside_is_no_proof_that_there_is_none() -> None:
     ends = points(base, base.samples.q[[0, -1]]).reshape(-1, 2)
     low, high = ends.min(axis=0) - 1e-4, ends.max(axis=0) + 1e-4
     box = {"x_m": (float(low[0]), float(high[0])), "y_m": (float(low[1]), float(high[1]))}
-    result = plan(base.problem.with_values(workspace=box, work_limit=1000.0))
+    result = plan(base.problem.with_values(workspace=box, work_limit=200.0))
     assert result.status is Status.FAILED
     assert result.message.startswith("no plan found within the workspace")
 
@@ -151,7 +151,9 @@ def test_ends_outside_are_named() -> None:
     assert ends[0] < ends[1] - 0.02
     with pytest.raises(InputError, match=r"goal = .*20\.0 mm outside"):
         plan(load_problem("paper-1", workspace=wrong))
-    planned("paper-1", workspace=wrong, goal={"kappa_per_m": [20.0, "free"]})
+    free = {"kappa_per_m": [20.0, "free"]}  # not refused, but looked for
+    found = plan(load_problem("paper-1", workspace=wrong, goal=free, work_limit=1.0))
+    assert found.status is not Status.INFEASIBLE
 
 
 def test_a_wide_goal_is_left_to_the_search() -> None:
@@ -176,17 +178,11 @@ def test_people_see_it(run: Run, tmp_path: Path) -> None:
     checked = run("verify", "plan.json")
     assert checked.code == 0
     assert "limit workspace_m" in checked.out
-    figure = plot_plan(plan(Problem.parse(_document(), "")).require())
+    figure = plot_plan(load_plan("plan.json").require())
     patches = [patch for ax in figure.axes for patch in ax.patches]
     drawn = [p for p in patches if isinstance(p, Rectangle) and p.get_y() == -0.1]
     assert drawn
     assert all(box.get_height() == pytest.approx(0.6) for box in drawn)
-
-
-def _document() -> dict[str, Any]:
-    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
-    box = {"y_m": [-0.1, 0.5]}
-    return {"robot": "2sra-v1", "start": start, "goal": {"x_m": 0.1}, "workspace": box}
 
 
 def test_a_run_that_has_left_gets_the_room_it_needs() -> None:
