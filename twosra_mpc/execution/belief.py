@@ -222,9 +222,14 @@ class Belief:
         return f"no camera frame {since}{hangs}"
 
     @property
-    def blind_s(self) -> float:
-        """Time without a frame after which the wheels stand."""
-        return max(self._patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
+    def blind(self) -> bool:
+        """True if no frame has come in for so long that the wheels must stand."""
+        return self.unseen_s > max(self._patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
+
+    @property
+    def gives_up_seeing(self) -> bool:
+        """True if no frame has come in for so long that none is waited for."""
+        return self.now_s - max(self._seen_s, self._begun_s) >= 2 * self._patience.unseen_s
 
     def sure(self, scale: Array) -> bool:
         """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
@@ -281,7 +286,8 @@ class Belief:
     def _begin(self) -> None:
         """The first reading; the robot has not been told anything yet."""
         self._filter = CameraFilter(self.camera, self.problem.start.configuration, self.now_s)
-        self._heard_s, self._since = self.now_s, [self.now_s] * len(self._watches)
+        self._begun_s = self._heard_s = self.now_s
+        self._since = [self.now_s] * len(self._watches)
         self._told, self._last_known = self.reading.stiffness, list(self.reading.stiffness)
         self._look()
 
