@@ -25,6 +25,7 @@ from twosra_mpc import (
     robot_names,
 )
 from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.guard import bends_into_itself
 from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
@@ -99,7 +100,7 @@ def test_a_robot_believed_to_overlap_starts_bent_back() -> None:
     """As it was seen in a run whose bends split unevenly: the rest was refused for its start."""
     seen = np.array([0.2, 0.2, 0.1, 59.5, 33.0])
     asked = load_problem("paper-3")
-    rest = remaining_problem(asked, seen, (70.0, 70.0), (1, 1))
+    rest = remaining_problem(asked, seen, [Metal(70.0, 1.0)] * 2)
     check_shapes(rest)
     kappa = np.array(rest.start.kappa_per_m)
     assert kappa[0] * 33.0 == pytest.approx(kappa[1] * 59.5)

@@ -14,10 +14,11 @@ from problems import exactly
 from scipy.optimize import newton
 
 from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.course import HeaterSchedule, Progress
 from twosra_mpc.execution.driving import Pulses, predicted_curvatures, settling
-from twosra_mpc.execution.executor import Executor, GreedyExecutor
+from twosra_mpc.execution.executor import Executor, GreedyExecutor, plan_controller
 from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
@@ -88,6 +89,19 @@ def test_a_disturbed_run_reaches_its_goal(scenario: str, seed: int, robot: str, 
     assert found.transitions <= found.allowed
     assert found.replans <= 2  # nothing goes to and fro
     assert found.forced_s == 0.0
+
+
+@pytest.mark.parametrize(("scenario", "seed", "robot", "level"), RUNS)
+def test_metal_is_called_soft_or_rigid_only_when_it_is(
+    scenario: str, seed: int, robot: str, level: str
+) -> None:
+    done = simulated(scenario, seed, robot, level)
+    log, truth = done.run.log, done.truth
+    melted = truth.melt_fraction[np.searchsorted(truth.time_s, log.time_s - 1e-9)]
+    soft, rigid = log.stiffness == 1, log.stiffness == 0
+    heats = log.setpoint_C > done.run.problem.robot.heater.rigid_setpoint_C
+    assert melted[soft].min() == 1.0  # until the heater of the last bend goes off before its end
+    assert melted[rigid & ~heats].max() == 0.0
 
 
 @pytest.mark.parametrize(("scenario", "seed", "robot", "level"), RUNS)
@@ -468,18 +482,34 @@ def test_the_rest_of_a_problem_leaves_alone_what_is_near_enough() -> None:
     task = problem("paper-1")
     goal = task.goal.configuration
     near = goal + np.array([0.05, 0.0, 0.2, 0.7, -0.5])
-    rest = remaining_problem(task, near, (40.0, 58.0), (0, 0))
+    rest = remaining_problem(task, near, [Metal(40.0, 0.0), Metal(58.0, 0.0)])
     found = plan(rest).require()
     assert [phase.mode for phase in found.phases] == [(0, 0)]
     assert found.cost.transitions == 0
     far = goal + np.array([0.05, 0.0, 0.2, 0.7, -1.5])
-    rest = remaining_problem(task, far, (63.0, 58.0), (0, 0))
-    assert rest.start_mode == (0, 0)  # as reported, whatever the thermometer says
+    rest = remaining_problem(task, far, [Metal(60.0, 0.0), Metal(58.0, 0.0)])
     assert rest.goal.half_width[3:] == pytest.approx([0.7, PLANNED / 2], abs=1e-6)
     assert plan(rest).require().cost.transitions == 2  # type: ignore[union-attr]
-    only = remaining_problem(task, far, (66.0, 30.0), (1, 0), broken={1})
+    only = remaining_problem(task, far, [Metal(66.0, 1.0), Metal(30.0, 0.0)], broken={1})
     assert only.start_mode == (1, 0)
     assert set(only.modes) == {(0, 0), (1, 0)}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_rest_is_planned_from_metal_as_it_is_while_it_melts(seed: int) -> None:
+    made = planned("paper-2", robot=ARC)
+    robot = SimulatedRobot(made.problem, "arc", LEVELS["moderate"], seed)
+    controller = plan_controller(made, robot.camera)
+    while robot.segments[0].melt_fraction < 0.5:
+        command = controller.step(robot.read())
+        robot.send(command.wheel_rad_s, command.heater_setpoint_C)
+        robot.wait(command.at_most_s)
+    metal = [one for one in controller.belief.metal if one is not None]
+    assert metal[0].melt_fraction == pytest.approx(0.5, abs=0.3)
+    rest = remaining_problem(made.problem, robot.q, metal)
+    assert rest.start_stiffness == (None, 0)
+    melt = plan(rest).require().transitions[0]
+    assert (melt.segment, melt.to, melt.onset_s) == (1, "soft", 0.0)
 
 
 def test_accuracy_counts_distances_in_its_own_units() -> None:

@@ -15,6 +15,7 @@ from problems import ROBOT
 
 from twosra_mpc import InputError, Plan, Problem, Status, load_plan, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.solver.multiple_shooting import transcribe
@@ -187,12 +188,12 @@ def test_people_see_it(run: Run, tmp_path: Path) -> None:
 
 def test_a_run_that_has_left_gets_the_room_it_needs() -> None:
     problem = planned("paper-2").problem
-    q, cold = problem.goal.configuration, problem.temperatures
+    q, cold = problem.goal.configuration, [Metal(here_C, 0.0) for here_C in problem.temperatures]
     edge = float(points(planned("paper-2"), q[None])[..., 1].min()) - ROOM_M
     problem = problem.with_values(workspace=Workspace(y_m=(edge, 9.0)))
-    assert remaining_problem(problem, q, cold, (0, 0)).workspace == problem.workspace
+    assert remaining_problem(problem, q, cold).workspace == problem.workspace
     strayed = q - [0.0, 0.02, 0.0, 0.0, 0.0]
-    rest = remaining_problem(problem, strayed, cold, (0, 0))
+    rest = remaining_problem(problem, strayed, cold)
     least = points(planned("paper-2"), strayed[None])[..., 1].min()
     assert rest.workspace is not None
     assert rest.workspace.y_m is not None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
@@ -18,11 +20,30 @@ from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
+_CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
+_CLEARLY_S = 6.0  # for which metal surely stays soft without heat that is soft clearly
+_SUPERHEATED_S = 10.0  # more would have to be waited for when it is to freeze
+_MOVED_K = 1.0  # of a reading in 20 s that does not stand still as metal does that changes
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
+
+
+class Metal(NamedTuple):
+    """Metal of a segment, as the start of a problem has it.
+
+    Attributes:
+        temperature_C: Its temperature.
+        melt_fraction: From 0 (solid) to 1 (liquid).
+        body_C: Temperature of what is around it; None: it is as warm.
+    """
+
+    temperature_C: float
+    melt_fraction: float
+    body_C: float | None = None
 
 
 class Belief:
@@ -150,6 +171,36 @@ class Belief:
         return tuple(int(now == "soft") for now in reported)
 
     @property
+    def coasts_s(self) -> Array:
+        """Times for which the segments surely stay soft without heat, (n,); 0 if nobody sees."""
+        sighted = self.doubt is not None
+        return np.array([watch.coasts_s if sighted else 0.0 for watch in self._watches])
+
+    @property
+    def metal(self) -> tuple[Metal | None, ...]:
+        """Metal of the segments as believed; None of one that is changing and nobody knows."""
+        return tuple(map(self._metal, range(len(self._watches))))
+
+    def _metal(self, segment: int) -> Metal | None:
+        solid_C, liquid_C = self.problem.segment_thresholds_C[segment]
+        here_C, heater = self.reading.temperature_C[segment], self.problem.robot.heater
+        match self.reading.stiffness[segment]:
+            case "soft":
+                here_C = min(max(here_C, liquid_C + _CLEARLY_K), heater.temperature_max_C)
+                return Metal(here_C, 1.0)
+            case "rigid":
+                here_C = max(min(here_C, solid_C - _CLEARLY_K), heater.temperature_min_C)
+                return Metal(here_C, 0.0)
+        state = self._watches[segment].state
+        if state is None:
+            return None
+        model = segment_model(self.problem.robot, self.problem.ambient, segment)
+        here_C, share = model.temperature_C(state), model.melt_fraction(state)
+        if 0.0 < share < 1.0:
+            here_C = solid_C + share * (liquid_C - solid_C)
+        return Metal(here_C, share, state[1] if len(state) > 1 else None)
+
+    @property
     def known(self) -> str:
         """What is known about the segments, in words."""
         return ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
@@ -171,9 +222,14 @@ class Belief:
         return f"no camera frame {since}{hangs}"
 
     @property
-    def blind_s(self) -> float:
-        """Time without a frame after which the wheels stand."""
-        return max(self._patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
+    def blind(self) -> bool:
+        """True if no frame has come in for so long that the wheels must stand."""
+        return self.unseen_s > max(self._patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
+
+    @property
+    def gives_up_seeing(self) -> bool:
+        """True if no frame has come in for so long that none is waited for."""
+        return self.now_s - max(self._seen_s, self._begun_s) >= 2 * self._patience.unseen_s
 
     def sure(self, scale: Array) -> bool:
         """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
@@ -230,7 +286,8 @@ class Belief:
     def _begin(self) -> None:
         """The first reading; the robot has not been told anything yet."""
         self._filter = CameraFilter(self.camera, self.problem.start.configuration, self.now_s)
-        self._heard_s, self._since = self.now_s, [self.now_s] * len(self._watches)
+        self._begun_s = self._heard_s = self.now_s
+        self._since = [self.now_s] * len(self._watches)
         self._told, self._last_known = self.reading.stiffness, list(self.reading.stiffness)
         self._look()
 
@@ -279,18 +336,27 @@ class Belief:
         )
         for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, known, strict=True):
             watch.take(self.now_s, float(asked_C), *of_segment)
-        believed = tuple(
-            "changing" if now == "soft" and not watch.may_be_soft else now
-            for watch, now in zip(self._watches, reading.stiffness, strict=True)
-        )
+        believed = tuple(map(self._believed, range(len(self._watches)), reading.stiffness))
         if believed != reading.stiffness:
             self.reading = replace(reading, stiffness=believed)
+
+    def _believed(self, segment: int, reported: KnownStiffness | None) -> KnownStiffness | None:
+        """Stiffness of a segment: its sensor shows it late, or may lie."""
+        watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
+        watch.superheated = coasts_s >= _SUPERHEATED_S
+        goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
+        if goes_on or (coasts_s >= _CLEARLY_S and watch.moved_K >= _MOVED_K):
+            return "soft"
+        if self.doubt is not None and watch.surely_solid and watch.moved_K <= -_MOVED_K:
+            return "rigid"
+        return "changing" if reported == "soft" and not watch.may_be_soft else reported
 
     def _note_changes(self) -> None:
         """Write down each segment that has become soft or rigid, and was not so before."""
         soft_C = self.problem.robot.heater.soft_setpoint_C
         for segment, now in enumerate(self.reading.stiffness):
-            if self._told[segment] == ("soft" if self.setpoint_C[segment] >= soft_C else "rigid"):
+            asked = "soft" if self.setpoint_C[segment] >= soft_C else "rigid"
+            if asked in (now, self._told[segment]):
                 self._since[segment] = self.now_s
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue

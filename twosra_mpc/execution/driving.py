@@ -74,7 +74,6 @@ class Driving:
         self._before = self._best = math.inf
         self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
         self._stood_s: float | None = None  # since when its mode is lost
-        self._blind_until_s: float | None = None
 
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
@@ -124,12 +123,9 @@ class Driving:
         if lost:
             held_C = course.held(self.run.setpoint_C, mode)
             return rest(belief, held_C, self.patience.rest_s, course.planned)
-        if belief.unseen_s <= belief.blind_s:
-            self._blind_until_s = None
+        if not belief.blind:
             return None
-        if self._blind_until_s is None:
-            self._blind_until_s = belief.now_s + 2 * self.patience.unseen_s - belief.blind_s
-        if belief.now_s >= self._blind_until_s:
+        if belief.gives_up_seeing:
             return self.run.left(Abort("camera", belief.unseen))
         return rest(belief, self.run.setpoint_C, belief.camera.period_s, course.planned)
 

@@ -75,7 +75,10 @@ class Following:
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
-        return self.course.schedule.setpoints(self.course.progress)
+        progress = self.course.progress
+        if self._driving is not None:
+            progress = progress._replace(coasts_s=tuple(self.belief.coasts_s.tolist()))
+        return self.course.schedule.setpoints(progress)
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
@@ -206,7 +209,11 @@ class Following:
                 words = f"{belief.where} after planning again {times(self._replans)}"
                 return self.verdict(Ending.GAVE_UP, words)
             self._replans, self._corrections = self._replans + 1, 0
-            belief.tell("replan", f"the rest is planned again, {summary(plan)}")
+            old_s = self.course.plan.duration_s - self.course.clock_s
+            words = (
+                f"the rest is planned again, {summary(plan)}; of the plan {old_s:z.0f} s are left"
+            )
+            belief.tell("replan", words)
         else:
             if self._corrections == settings.corrections:
                 words = f"{belief.where} after {self._corrections} corrections in a row"

@@ -204,7 +204,7 @@ class _Drive:
 
     def __init__(self, run: Greedy, mode: Mode) -> None:
         self._run, self._mode = run, mode
-        self._farthest_m = self._blind_until_s = np.inf
+        self._farthest_m = np.inf
 
     def begun(self) -> Next:
         """The robot is in the mode."""
@@ -220,9 +220,9 @@ class _Drive:
             return _verdict(Ending.GAVE_UP, words)
         if belief.mode != mode or belief.now_s >= run.settings.longest_s:
             return run.begin()
-        if belief.unseen_s > belief.blind_s:
-            return self._blind()
-        self._blind_until_s = np.inf
+        if belief.blind:  # stand, and choose again if no frames come in
+            stands = rest(belief, belief.setpoint_C, belief.camera.period_s)
+            return run.begin() if belief.gives_up_seeing else stands
         step, moved = run.proposal(mode, run.error(LEFT))
         if run.stagnated(GAIN * moved):
             return run.begin()
@@ -233,16 +233,6 @@ class _Drive:
         slower = max(1.0, most / limits.wheel_speed_rad_s)
         slower = max(slower, float(np.abs(v[:2]).max()) / limits.unit_speed_m_s)
         return Command(belief.setpoint_C, period_s, run.pulses.shape(wheels / slower), mode)
-
-    def _blind(self) -> Next:
-        """Stand while no frames come in; choose again if they stay away."""
-        run, belief = self._run, self._run.belief
-        if np.isinf(self._blind_until_s):
-            unseen_s = run.settings.patience.unseen_s
-            self._blind_until_s = belief.now_s + 2 * unseen_s - belief.blind_s
-        if belief.now_s >= self._blind_until_s:
-            return run.begin()
-        return rest(belief, belief.setpoint_C, belief.camera.period_s)
 
 
 def _verdict(ending: Ending, reason: str) -> Verdict:

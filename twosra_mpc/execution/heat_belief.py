@@ -20,7 +20,7 @@ import numpy as np
 
 from twosra_mpc.execution.healthy_segments import Heat, Kinds, Segments, Start, healthy_kinds
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.thermal.model import Array
+from twosra_mpc.thermal.model import Array, State
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
@@ -228,9 +228,29 @@ class HeatBelief(ArrayValue):
         return self._at_C(low), self._at_C(high)
 
     @property
+    def state(self) -> State:
+        """Most probable state, as the nominal model's."""
+        state = tuple(float(value[0]) for value in self.fit.segments.state)
+        return self.kinds.nominal.at_level(state, self._estimate(self.fit.segments.level)[0])
+
+    @property
     def may_be_liquid(self) -> bool:
         """True if the metal may be liquid."""
         return self.levels[1] >= self.kinds.nominal.liquid_level
+
+    @property
+    def stays_liquid_s(self) -> float:
+        """Time for which the metal surely stays liquid without heat; 0 if it may not be liquid."""
+        nominal, low = self.kinds.nominal, self.levels[0]
+        if low < nominal.liquid_level:
+            return 0.0
+        state = tuple(float(value[0]) for value in self.fit.segments.state)
+        return nominal.time_until(nominal.at_level(state, low), 0.0, nominal.liquid_level)
+
+    @property
+    def surely_solid(self) -> bool:
+        """True if the metal is solid for sure."""
+        return self.levels[1] <= self.kinds.nominal.solid_level
 
     @property
     def surely_liquid(self) -> bool:

@@ -1,13 +1,14 @@
-"""Planning what is left of a problem again, once nothing of the robot is changing any more."""
+"""Planning what is left of a problem again, from where the robot is, whatever its metal does."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.controller import Activity, Looking, Next, rest
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
@@ -25,18 +26,20 @@ _MISSES = 1  # of a mode of several segments that are planned again in the same
 
 
 class Replanning:
-    """The robot stands until metal rests, objects are looked at, and the rest is planned.
+    """The robot stands until objects are looked at and the rest is planned.
 
-    Each segment goes on to what it was becoming, or all of them become solid.
+    So it does until metal rests whose state is not known, or that must become solid. Meanwhile each
+    segment goes on to what it was becoming.
     """
 
     def __init__(self, run: Following) -> None:
         """Leave a plan."""
         self._run, self._belief = run, run.belief
         self._cooled, self._until_s, self._told = set[int](), self._belief.now_s, False
+        self._resting = False
 
     def begin(self, *, melting_on: bool = False, cooling: bool = False) -> Activity:
-        """Let metal come to rest.
+        """Stand.
 
         Args:
             melting_on: Hold what is soft for a while, so that all of it melts.
@@ -51,17 +54,18 @@ class Replanning:
         return self
 
     def advance(self) -> Next:
-        """Stand until metal rests, and look at objects."""
+        """Stand, and look at objects."""
         run, belief, settings = self._run, self._belief, self._run.settings
-        mode, solid = belief.mode, run.broken | self._cooled
-        changing = mode is None or any(mode[j] for j in solid)
+        stiffness, solid = belief.reading.stiffness, run.broken | self._cooled
+        changing = belief.mode is None and (self._resting or None in belief.metal)
+        changing |= any(stiffness[j] != "rigid" for j in solid)
         if changing and belief.now_s > settings.longest_s:  # one that is slow: see `SegmentWatch`
             words = f"the run has taken more than {settings.longest_s:z.0f} s"
             return run.verdict(Ending.TIME_LIMIT, words)
         if changing or belief.now_s < self._until_s or not self._told:
             self._told = True  # to stand
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
-        if run.mission.holding is not None and any(mode or ()):  # no soft robot holds anything
+        if run.mission.holding is not None and not self._rigid:  # no soft robot holds anything
             return self._cool()
         if belief.objects is None:
             return self._plan()
@@ -70,14 +74,13 @@ class Replanning:
         return Looking(belief, never, settings.patience.objects_s, self._plan)
 
     def _plan(self) -> Next:
-        run, belief, mode = self._run, self._belief, self._belief.mode
-        if mode is None:  # it began to change during the look
+        run, metal = self._run, [one for one in self._belief.metal if one is not None]
+        if len(metal) < len(self._belief.metal):  # it began to change during the look
             return self
         try:
             rest_of_it = remaining_problem(
                 *run.mission.rest(),
-                belief.reading.temperature_C,
-                mode,
+                metal,
                 run.broken,
                 misses=len(run.missed),
                 avoided=self._avoided,
@@ -100,12 +103,19 @@ class Replanning:
     def _failed(self, why: str) -> Next:
         """Try what may help before it is said that there is no plan."""
         run, belief = self._run, self._belief
-        if belief.guard is not None and any(belief.mode or ()):
+        if belief.mode is None:
+            self._resting = True  # from rest there may be one
+            return self
+        if belief.guard is not None and any(belief.mode):
             return self._cool()  # a solid robot may drive to where it can bend
         if run.missed:
             run.missed.clear()  # any plan is better than none
             return self
         return run.no_plan(why)
+
+    @property
+    def _rigid(self) -> bool:
+        return set(self._belief.reading.stiffness) == {"rigid"}
 
     @property
     def _avoided(self) -> set[Mode]:
@@ -136,14 +146,12 @@ class _Thinking:
 
 
 _ROUNDING = 1e-9
-_CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 
 
 def remaining_problem(
     problem: Problem,
     q: Array,
-    temperature_C: tuple[float, ...],
-    mode: Mode,
+    metal: Sequence[Metal],
     broken: Collection[int] = (),
     misses: int = 0,
     avoided: Collection[Mode] = (),
@@ -157,8 +165,7 @@ def remaining_problem(
     Args:
         problem: What was asked in the beginning.
         q: Configuration now, (3 + n,).
-        temperature_C: Measured temperatures.
-        mode: Stiffness now, as reported; no segment may be changing.
+        metal: State of the segments.
         broken: Segments (from 0) that cannot be melted any more.
         misses: How often bends have missed so far: the next are aimed nearer to the middle.
         avoided: Modes in which they have.
@@ -166,13 +173,17 @@ def remaining_problem(
     Raises:
         InputError: If no mode is left.
     """
+    mode = tuple(int(one.melt_fraction == 1.0) for one in metal)
+    bodies = [one.temperature_C if one.body_C is None else one.body_C for one in metal]
     kappa = bent_back(problem.robot, q[POSE:])
     start = Start(
         x_m=q[0],
         y_m=q[1],
         phi_rad=q[2],
         kappa_per_m=tuple(kappa.tolist()),
-        temperature_C=_temperatures(problem, temperature_C, mode),
+        temperature_C=tuple(one.temperature_C for one in metal),
+        melt_fraction=tuple(one.melt_fraction for one in metal),
+        body_temperature_C=tuple(bodies) if any(one.body_C is not None for one in metal) else None,
         holding=problem.start.holding,
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
@@ -187,16 +198,6 @@ def remaining_problem(
         outline = (shape.units, shape.wheels, *fibre)
         workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
     return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
-
-
-def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:
-    """Temperatures that agree with the reported stiffness and the heater's range."""
-    solid, liquid = problem.stiffness_thresholds_C
-    soft = np.maximum(measured_C, liquid + _CLEARLY_K)
-    rigid = np.minimum(measured_C, solid - _CLEARLY_K)
-    heater = problem.robot.heater
-    agreed = np.where(mode, soft, rigid).clip(heater.temperature_min_C, heater.temperature_max_C)
-    return tuple(agreed.tolist())
 
 
 def _goal(problem: Problem, q: Array, mode: Mode, broken: Collection[int], aimed: float) -> GoalSet:

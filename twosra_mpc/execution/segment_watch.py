@@ -22,7 +22,7 @@ from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
-from twosra_mpc.thermal.model import SegmentModel
+from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.thermal.uncertainty import corners
 
 Cause = Literal["sensor", "fault", "hot", "relay", "cooling", "heater"]
@@ -105,6 +105,7 @@ class SegmentWatch:
 
     Attributes:
         doubted: True if it did not bend although it was called soft: its sensor may show too much.
+        superheated: True if the heater rests: more heat would only have to be waited for.
         belief: About its heat; None of a robot that does not describe, or not report, it.
     """
 
@@ -129,7 +130,8 @@ class SegmentWatch:
             start_C: Temperature at which it has rested; default: the air's.
         """
         self._segment, self._patience, self._reports = segment, patience, reports
-        self._heater, self._air_C, self.doubted = robot.heater, air_C, False
+        self._heater, self._air_C = robot.heater, air_C
+        self.doubted = self.superheated = False
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
         self._start_C = air_C if start_C is None else start_C
         self.belief: HeatBelief | None = None
@@ -154,13 +156,33 @@ class SegmentWatch:
             return True
         return self._molten if self.doubted else self.belief.may_be_liquid
 
+    @property
+    def state(self) -> State | None:
+        """Most probable state, as the described segment's; None if nobody knows."""
+        return None if self.belief is None or self.doubted else self.belief.state
+
+    @property
+    def coasts_s(self) -> float:
+        """Time for which the segment surely stays soft without heat."""
+        return 0.0 if self.belief is None or self.doubted else self.belief.stays_liquid_s
+
+    @property
+    def surely_solid(self) -> bool:
+        """True if all of the metal is solid for sure."""
+        return self.belief is not None and self._asked != "soft" and self.belief.surely_solid
+
+    @property
+    def moved_K(self) -> float:
+        """Change of the reading in the last seconds: metal that melts or freezes stands still."""
+        return self._recent_C[-1] - self._recent_C[0] if self._recent_C else 0.0
+
     def allowed_C(self, setpoint_C: float) -> float:
         """Set-point that may be sent where this one is asked for.
 
         A sensor that shows too much makes its controller hold metal that is still melting, with
         little current: a segment that was doubted is asked for more until it must be liquid.
         """
-        if self.belief is not None and self.belief.cut:
+        if self.superheated or (self.belief is not None and self.belief.cut):
             return min(setpoint_C, self._heater.rigid_setpoint_C)
         melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
         return setpoint_C + _MORE_K * melts
