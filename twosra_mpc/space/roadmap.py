@@ -214,7 +214,7 @@ class Field:
         turn = poses[:, 2] / (2 * np.pi) * roads.slices.headings
         slices = np.round(turn).astype(int) % roads.slices.headings
         times = np.full(len(poses), np.inf)
-        for k in np.unique(slices).tolist():
+        for k in {*slices.tolist()}:
             own = slices == k
             near = roads.nearest(roads.slices.within(poses[own, :2]), k, _NEAREST)
             legs = times_at_speed_s(roads.rows, twists(poses[own, None], roads.poses[near]))
