@@ -189,12 +189,14 @@ class Field:
             apart_m: How far from that it gets, at least.
             longer: How many times longer it may take.
         """
-        poses, total = self.roadmap.poses, self.times_s + back.times_s
-        away = np.min([np.hypot(*(poses[:, :2] - at).T) for at in path[:, :2]], axis=0)
-        total = np.where(away > apart_m, total, np.inf)
-        node = int(total.argmin())
-        if not total[node] <= longer * float((self.times_s + back.times_s).min()):
+        total = self.times_s + back.times_s
+        near = np.flatnonzero(total <= longer * float(total.min()))
+        positions = self.roadmap.poses[near, :2]
+        away = np.min([np.hypot(*(positions - at).T) for at in path[:, :2]], axis=0)
+        near = near[away > apart_m]
+        if not len(near):
             return None
+        node = int(near[total[near].argmin()])
         return continued(np.array([*self._way(node), *back._way(node)[::-1]]))
 
     def _way(self, node: int) -> list[Array]:
