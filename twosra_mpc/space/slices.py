@@ -30,7 +30,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from twosra_mpc.effort import Cost, charge
+from twosra_mpc.effort import Cost, charge, remembered
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array, rotation, wrapped
@@ -159,9 +159,15 @@ def certified_slices(
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
     """F+: poses at which a robot may keep ``kept_m`` [m], or seem to; none other can."""
-    half_turn, pieces = np.pi / headings, _rectangles(footprint.inner)
+    return _possible(footprint.inner.tobytes(), world, kept_m, headings)
+
+
+@remembered(2)  # drives ask, and proofs of what is necessary
+def _possible(inner: bytes, world: World, kept_m: float, headings: int) -> FreeSlices:
+    held = np.frombuffer(inner).reshape(-1, 4, 2)
+    half_turn, pieces = np.pi / headings, _rectangles(held)
     shrunk = kept_by_all(pieces, half_turn, kept_m - UNSEEN_M)
-    extent = _extents(footprint.inner, -half_turn, headings) - _ROUNDING_M
+    extent = _extents(held, -half_turn, headings) - _ROUNDING_M
     obstacles = obstacle_parts(world.obstacles, inner=True)
     return _slices(world, shrunk, obstacles, extent, headings)
 
