@@ -23,7 +23,7 @@ from twosra_mpc.space.slices import FreeSlices, Indices, components
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
 _FEW = 10_000  # edges whose times are found at once: 2 MiB on the way
-_BAND = 5.0  # mean times of an edge by which nodes that are gone on from at once may differ
+_BAND = 20.0  # mean times of an edge by which nodes that are gone on from at once may differ
 _NEAREST = 4  # by which the way to a pose is estimated
 
 

@@ -41,8 +41,8 @@ def moved(start: Array, twist: Array, share: Array) -> Array:
 
 def times_at_speed_s(rows: Array, twist: Array) -> Array:
     """Least times of displacements (..., 3) at full speed, (...,) [s], by `drive_rows` (m, 3)."""
-    found: Array = np.abs(twist @ rows.T).max(axis=-1)
-    return found
+    found: Array = np.abs(rows @ twist.reshape(-1, 3).T).max(axis=0)  # over an axis that leads
+    return found.reshape(twist.shape[:-1])
 
 
 def times_from_rest_s(at_speed_s: Array, gained_s2: Array) -> Array:

@@ -187,7 +187,7 @@ def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> 
     for count, change in zip(itertools.accumulate(map(len, modes)), changes, strict=True):
         rest = [0] * (len(columns) - count)
         sums += [[mode[j] for mode in columns[:count]] + rest for j in range(len(change))]
-    changed = np.array(sums, dtype=float).reshape(-1, len(columns))
+    changed = np.array(sums, dtype=float).reshape(len(sums), len(columns))
     ends = np.array([ends for change in changes for ends in change]).T + [[-_ROUNDING], [_ROUNDING]]
     asked = np.isfinite(ends)
     some = asked.any(axis=0)
