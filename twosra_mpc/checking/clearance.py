@@ -271,8 +271,8 @@ def _closest(
     travelled = sweep.travelled_m if carried is None else sweep.carried_m(carried.radius_m)
     found = least(distances, travelled, first, last)
     at, nearest = found.at, around.nearest(sweep.q[found.at], carried)
-    overlapping = np.unique(np.concatenate(seen))
-    for other in overlapping[:: 1 + len(overlapping) // _OVERLAPS].tolist():
+    overlapping = sorted({*np.concatenate(seen).tolist()})
+    for other in overlapping[:: 1 + len(overlapping) // _OVERLAPS]:
         if (deeper := around.nearest(sweep.q[other], carried))[0] < nearest[0]:
             at, nearest = other, deeper
     least_m, obstacle, points = nearest

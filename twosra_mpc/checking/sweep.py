@@ -205,7 +205,7 @@ def least(
     """
     even = np.linspace(travelled_m[first], travelled_m[last], _BEGUN + 1)
     marks = np.clip(np.searchsorted(travelled_m, even), first, last)
-    marks = np.unique(np.concatenate([[first, last], marks]))
+    marks = np.array(sorted({first, last, *marks.tolist()}))
     charge(Cost.OUTLINE, len(marks))
     d = distances(marks)
     at, best, proved = int(marks[d.argmin()]), float(d.min()), float(d.min())

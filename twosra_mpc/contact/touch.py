@@ -251,19 +251,16 @@ def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
         gap_m: What is left between robot and object.
     """
     contour, geometry = Contour.of(thing.own), robot.geometry
-    chains, found = _chains(geometry), list[_Side]()
-    for side in (1, -1):
-        poses = _turned(contour.stations(geometry.fibre_radius_m + gap_m), side)
-        q = np.pad(poses, ((0, 0), (0, geometry.segments)))
-        reasons = np.full(len(q), "", dtype=object)
-        reasons[room_m(robot, contour, q, (None,), gap_m) < 0] = OVERLAPS
-        for chain in chains:
-            _close_chain(robot, contour, q, chain, side, gap_m, reasons)
-        _name_limits(robot, q, reasons)
-        wraps = wraps_rad(geometry, contour, q, side, gap_m + 4 * TOUCHES_M)
-        reasons[(reasons == "") & (wraps <= 0)] = NOTHING
-        found.append((side, q, reasons, np.zeros((len(q), geometry.segments)), wraps))
-    return _in_order(found)
+    side, poses = _on_both_sides(contour.stations(geometry.fibre_radius_m + gap_m))
+    q = np.pad(poses, ((0, 0), (0, geometry.segments)))
+    reasons = np.full(len(q), "", dtype=object)
+    reasons[room_m(robot, contour, q, (None,), gap_m) < 0] = OVERLAPS
+    for chain in _chains(geometry):
+        _close_chain(robot, contour, q, chain, side, gap_m, reasons)
+    _name_limits(robot, q, reasons)
+    wraps = wraps_rad(geometry, contour, q, side, gap_m + 4 * TOUCHES_M)
+    reasons[(reasons == "") & (wraps <= 0)] = NOTHING
+    return _in_order(side, q, reasons, np.zeros((len(q), geometry.segments)), wraps)
 
 
 def conform_touches(
@@ -287,42 +284,34 @@ def conform_touches(
     if any(c != whole[: len(c)] for c, whole in zip(chains, wholes, strict=True)):
         raise InputError("segments", segments, "segments that begin next to b0")
     chains = [chain for chain in chains if chain]
-    found, own, lengths = list[_Side](), sorted(asked), np.array(geometry.lengths_m)[sorted(asked)]
-    for side in (1, -1):
-        stations = _turned(contour.stations(geometry.fibre_radius_m), side)
-        reasons = np.full(len(stations), "", dtype=object)
-        if len(chains) == 1:
-            q = _laid(robot, contour, stations, chains[0][0], side, reasons)
-            rest = [chains[0][1:]] if chains[0][1:] else []
-        else:
-            q, rest = np.pad(stations, ((0, 0), (0, geometry.segments))), chains
-        reasons[(reasons == "") & (room_m(robot, contour, q, (None,), 0.0) < 0)] = OVERLAPS
-        for chain in rest:
-            _close_chain(robot, contour, q, chain, side, 0.0, reasons)
-        gaps = np.array([farthest_m(geometry, contour, q, j) for j in own])
-        for i in np.flatnonzero((reasons == "") & (gaps.max(axis=0) > gap_m + TOUCHES_M)):
-            reasons[i] = _what_keeps_off(robot, contour, q[i], own)
-        q[:, [POSE + j for j in range(geometry.segments) if j not in asked]] = np.nan
-        _name_limits(robot, q, reasons)
-        slack = np.zeros((len(q), geometry.segments))
-        slack[:, own] = 2 * np.clip(gap_m - gaps.T, 0.0, gap_m) / lengths**2
-        turns = np.abs(q[:, [POSE + j for j in own]] @ lengths)
-        found.append((side, q, reasons, slack, turns))
-    return _in_order(found)
+    own, lengths = sorted(asked), np.array(geometry.lengths_m)[sorted(asked)]
+    side, stations = _on_both_sides(contour.stations(geometry.fibre_radius_m))
+    reasons = np.full(len(stations), "", dtype=object)
+    if len(chains) == 1:
+        q = _laid(robot, contour, stations, chains[0][0], side, reasons)
+        rest = [chains[0][1:]] if chains[0][1:] else []
+    else:
+        q, rest = np.pad(stations, ((0, 0), (0, geometry.segments))), chains
+    reasons[(reasons == "") & (room_m(robot, contour, q, (None,), 0.0) < 0)] = OVERLAPS
+    for chain in rest:
+        _close_chain(robot, contour, q, chain, side, 0.0, reasons)
+    gaps = np.array([farthest_m(geometry, contour, q, j) for j in own])
+    for i in np.flatnonzero((reasons == "") & (gaps.max(axis=0) > gap_m + TOUCHES_M)):
+        reasons[i] = _what_keeps_off(robot, contour, q[i], own)
+    q[:, [POSE + j for j in range(geometry.segments) if j not in asked]] = np.nan
+    _name_limits(robot, q, reasons)
+    slack = np.zeros((len(q), geometry.segments))
+    slack[:, own] = 2 * np.clip(gap_m - gaps.T, 0.0, gap_m) / lengths**2
+    return _in_order(side, q, reasons, slack, np.abs(q[:, [POSE + j for j in own]] @ lengths))
 
 
-_Side = tuple[int, Array, Array, Array, Array]  # with configurations, reasons, slack and wraps
-
-
-def _in_order(found: list[_Side]) -> TouchSet:
-    """Touches on both sides, those that embrace most first."""
-    touches, refused = list[Touch](), Counter[str]()
-    for side, q, reasons, slack, wraps in found:
-        refused.update(reasons[reasons != ""].tolist())
-        kept = np.flatnonzero(reasons == "")
-        touches += [Touch(q[i], slack[i], float(wraps[i]), side) for i in kept]
+def _in_order(side: Array, q: Array, reasons: Array, slack: Array, wraps: Array) -> TouchSet:
+    """Touches of configurations (m, 3 + n), those that embrace most first."""
+    touches = [
+        Touch(q[i], slack[i], float(wraps[i]), int(side[i])) for i in np.flatnonzero(reasons == "")
+    ]
     ordered = sorted(touches, key=lambda touch: -round(touch.wrap_rad, 6))
-    return TouchSet(tuple(ordered), dict(refused))
+    return TouchSet(tuple(ordered), dict(Counter(reasons[reasons != ""].tolist())))
 
 
 def _chains(geometry: Geometry) -> list[tuple[int, ...]]:
@@ -332,9 +321,10 @@ def _chains(geometry: Geometry) -> list[tuple[int, ...]]:
     return [chain for chain in both if chain]
 
 
-def _turned(poses: Array, side: int) -> Array:
-    """Poses, turned round for -y to be on the outline."""
-    return poses + np.array([0.0, 0.0, 0.0 if side > 0 else np.pi])
+def _on_both_sides(poses: Array) -> tuple[Array, Array]:
+    """Sides (2 m,), and poses (m, 3), then those turned round for -y to be on the outline."""
+    turned = poses + np.array([0.0, 0.0, np.pi])
+    return np.repeat([1.0, -1.0], len(poses)), np.concatenate([poses, turned])
 
 
 def _close_chain(
@@ -342,11 +332,14 @@ def _close_chain(
     contour: Contour,
     q: Array,
     chain: tuple[int, ...],
-    side: int,
+    side: Array,
     gap_m: float,
     reasons: Array,
 ) -> None:
-    """Close segments of configurations (m, 3 + n) in place: all alike, then those further out."""
+    """Close segments of configurations (m, 3 + n) in place: all alike, then those further out.
+
+    ``side`` is 1 or -1 for each of them, (m,).
+    """
     start = np.zeros(len(q))
     for k in range(len(chain)):
         moving = chain[k:]
@@ -358,7 +351,7 @@ def _close_chain(
             curvature: Array, at: Rows, rows: Rows = rows, moving: tuple[int, ...] = moving
         ) -> Array:
             placed = q[rows[at]]
-            placed[:, [POSE + j for j in moving]] = side * curvature[:, None]
+            placed[:, [POSE + j for j in moving]] = (side[rows[at]] * curvature)[:, None]
             return placed
 
         done = close(robot, contour, place, start[rows], moving, gap_m)
@@ -369,7 +362,7 @@ def _close_chain(
 
 
 def _laid(
-    robot: Robot, contour: Contour, stations: Array, segment: int, side: int, reasons: Array
+    robot: Robot, contour: Contour, stations: Array, segment: int, side: Array, reasons: Array
 ) -> Array:
     """Configurations (m, 3 + n) with the middle of a segment next to b0 at stations, closed."""
     geometry = robot.geometry
@@ -377,14 +370,14 @@ def _laid(
     run = sign * geometry.lengths_m[segment] / 2
 
     def place(curvature: Array, at: Rows) -> Array:
-        bend = side * curvature * run
+        bend = side[at] * curvature * run
         half = np.sinc(bend / 2 / np.pi)
         chord = run * half
         x = sign * geometry.half_link_m + chord * np.cos(bend / 2)
         middle = np.column_stack([x, chord * np.sin(bend / 2), bend])
         q = np.zeros((len(at), POSE + geometry.segments))
         q[:, :POSE] = composed(stations[at], inverse(middle))
-        q[:, POSE + segment] = side * curvature
+        q[:, POSE + segment] = side[at] * curvature
         return q
 
     rows = np.arange(len(stations))

@@ -71,7 +71,7 @@ class SelfCollision:
         self.names = [part.name for part in part_of]
         self.reach_m = _reach_m(body)
         stacked = ca.horzcat(*(part.rectangles for part in parts))
-        self._rectangles = ca.Function("rectangles", [kappa], [stacked], {"cse": True})
+        self._rectangles = ca.Function("rectangles", [kappa], [stacked])
         self._radii_m = np.array([part.radius_m for part in part_of])
         first, second = np.array(_could_meet(parts)).T
         (straight,) = self._at(np.zeros((1, body.geometry.segments)))

@@ -146,8 +146,8 @@ class Drives:
 
         kept = self.kept_m if kept_m is None else kept_m
         if (headings, kept) not in self._possible:
-            made = possible_slices(self._coarse(headings), self.world, kept, headings)
-            self._possible[headings, kept] = made
+            whole = footprint(self.geometry, self.kappa)
+            self._possible[headings, kept] = possible_slices(whole, self.world, kept, headings)
         return self._possible[headings, kept]
 
     def _coarse(self, headings: int) -> Footprint:

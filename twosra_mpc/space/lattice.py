@@ -159,7 +159,9 @@ class Triangles:
         points = shapely.points(self._apart(positions, slices))
         point, triangle = self._tree.query(points, predicate="intersects")
         pairs = np.column_stack([np.repeat(point, 3), self.node_of[triangle].ravel()])
-        return np.unique(pairs[pairs[:, 1] >= 0], axis=0)
+        pairs = pairs[pairs[:, 1] >= 0]
+        names = pairs @ [len(self.positions), 1]
+        return pairs[np.unique(names, return_index=True)[1]]
 
 
 def triangles(slices: FreeSlices) -> Triangles:

@@ -23,7 +23,7 @@ from twosra_mpc.space.slices import FreeSlices, Indices, components
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
 _FEW = 10_000  # edges whose times are found at once: 2 MiB on the way
-_BAND = 5.0  # mean times of an edge by which nodes that are gone on from at once may differ
+_BAND = 20.0  # mean times of an edge by which nodes that are gone on from at once may differ
 _NEAREST = 4  # by which the way to a pose is estimated
 
 
@@ -189,12 +189,14 @@ class Field:
             apart_m: How far from that it gets, at least.
             longer: How many times longer it may take.
         """
-        poses, total = self.roadmap.poses, self.times_s + back.times_s
-        away = np.min([np.hypot(*(poses[:, :2] - at).T) for at in path[:, :2]], axis=0)
-        total = np.where(away > apart_m, total, np.inf)
-        node = int(total.argmin())
-        if not total[node] <= longer * float((self.times_s + back.times_s).min()):
+        total = self.times_s + back.times_s
+        near = np.flatnonzero(total <= longer * float(total.min()))
+        positions = self.roadmap.poses[near, :2]
+        away = np.min([np.hypot(*(positions - at).T) for at in path[:, :2]], axis=0)
+        near = near[away > apart_m]
+        if not len(near):
             return None
+        node = int(near[total[near].argmin()])
         return continued(np.array([*self._way(node), *back._way(node)[::-1]]))
 
     def _way(self, node: int) -> list[Array]:
@@ -214,7 +216,7 @@ class Field:
         turn = poses[:, 2] / (2 * np.pi) * roads.slices.headings
         slices = np.round(turn).astype(int) % roads.slices.headings
         times = np.full(len(poses), np.inf)
-        for k in np.unique(slices).tolist():
+        for k in {*slices.tolist()}:
             own = slices == k
             near = roads.nearest(roads.slices.within(poses[own, :2]), k, _NEAREST)
             legs = times_at_speed_s(roads.rows, twists(poses[own, None], roads.poses[near]))

@@ -41,8 +41,8 @@ def moved(start: Array, twist: Array, share: Array) -> Array:
 
 def times_at_speed_s(rows: Array, twist: Array) -> Array:
     """Least times of displacements (..., 3) at full speed, (...,) [s], by `drive_rows` (m, 3)."""
-    found: Array = np.abs(twist @ rows.T).max(axis=-1)
-    return found
+    found: Array = np.abs(rows @ twist.reshape(-1, 3).T).max(axis=0)  # over an axis that leads
+    return found.reshape(twist.shape[:-1])
 
 
 def times_from_rest_s(at_speed_s: Array, gained_s2: Array) -> Array:
@@ -107,7 +107,8 @@ Bools = NDArray[np.bool_]
 Times = Callable[[Array, Array], Array]  # of legs between poses (m, 3) each, (m,) [s]
 Proof = Callable[[Array, Array], Bools]  # which of them are clear, (m,)
 
-_WINDOW = 20  # poses of which every pair is tried at once
+_WINDOW = 20  # poses of which every pair may be a leg
+_PROVED = 16  # of those, at once
 _STEPS = (0.04, 0.02, 0.01, 0.005)  # m, by which poses between legs are moved
 _PER_STEP_RAD = 5.0  # turns go with them, per metre
 _WORTH_S = 1e-3  # a shorter way by less is rounding
@@ -130,22 +131,37 @@ def shortest(poses: Array, times: Times, proof: Proof) -> Array:
 
 
 def _fastest(poses: Array, times: Times, proof: Proof) -> Array:
-    """The fastest way through some of a few poses, neighbours among them taken as clear."""
+    """The fastest way through some of a few poses, neighbours among them taken as clear.
+
+    Of the other legs those of the fastest ways are proved, a few at once, until a way is.
+    """
     one, other = np.triu_indices(len(poses), k=1)
-    taken = times(poses[one], poses[other])
-    own = np.concatenate([[0.0], np.cumsum(taken[other - one == 1])])
-    known = other - one == 1
-    asked = np.flatnonzero(~known & (taken < own[other] - own[one]))
-    known[asked] = proof(poses[one[asked]], poses[other[asked]])
-    least, before = np.full(len(poses), np.inf), np.zeros(len(poses), dtype=int)
-    least[0] = 0.0
-    for i, j, leg in zip(one[known], other[known], taken[known], strict=True):  # i grows
-        if least[i] + leg < least[j]:
-            least[j], before[j] = least[i] + leg, i
-    chain = [len(poses) - 1]
-    while chain[-1] > 0:
-        chain.append(int(before[chain[-1]]))
-    return poses[chain[::-1]]
+    legs = np.full((len(poses), len(poses)), np.inf)
+    legs[one, other] = times(poses[one], poses[other])
+    own = np.concatenate([[0.0], np.cumsum(legs.diagonal(1))])
+    asked = np.triu(legs < own - own[:, None], k=2)
+    legs[~asked & np.triu(np.ones_like(asked), k=2)] = np.inf
+    while True:
+        (least, before), (to_go, _) = _ways(legs), _ways(legs[::-1, ::-1].T)
+        chain = [len(poses) - 1]
+        while chain[-1] > 0:
+            chain.append(int(before[chain[-1]]))
+        if not asked[chain[1:], chain[:-1]].any():
+            return poses[chain[::-1]]
+        through = (least[:, None] + legs + to_go[::-1])[asked]
+        some = np.argwhere(asked)[np.argsort(through, kind="stable")[:_PROVED]].T
+        asked[*some] = False
+        legs[*some] = np.where(proof(poses[some[0]], poses[some[1]]), legs[*some], np.inf)
+
+
+def _ways(legs: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Least times from the first pose, by legs to later ones, and the pose before, (m,) each."""
+    least, before = np.zeros(len(legs)), np.zeros(len(legs), dtype=int)
+    for j in range(1, len(legs)):
+        through = least[:j] + legs[:j, j]
+        before[j] = through.argmin()
+        least[j] = through[before[j]]
+    return least, before
 
 
 def improved(poses: Array, times: Times, proof: Proof) -> Array:

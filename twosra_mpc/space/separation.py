@@ -159,9 +159,9 @@ class _Part:
 
 def _normals(corners: Array) -> tuple[Array, Array]:
     """Outward unit normals of polygons (k, 2, ...), and n . corner on each side, (k, ...)."""
-    sides = np.roll(corners, -1, axis=0) - corners
+    sides = np.concatenate([corners[1:], corners[:1]]) - corners
     normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.sqrt((normals**2).sum(axis=1, keepdims=True))
     reach: Array = (normals * corners).sum(axis=1)
     return normals, reach
 

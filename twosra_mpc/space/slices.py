@@ -30,10 +30,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from twosra_mpc.effort import Cost, charge
+from twosra_mpc.effort import Cost, charge, remembered
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import Array, wrapped
+from twosra_mpc.robot.coordinates import Array, rotation, wrapped
 from twosra_mpc.space.footprint import Footprint
 from twosra_mpc.space.minkowski import (
     kept_by_all,
@@ -55,6 +55,7 @@ _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
 _GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid
+_SAME_M = 1e-9  # rounding of corners that were turned
 AT_EDGE_M = 1e-6  # of a box
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
@@ -158,9 +159,15 @@ def certified_slices(
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
     """F+: poses at which a robot may keep ``kept_m`` [m], or seem to; none other can."""
-    half_turn, pieces = np.pi / headings, _rectangles(footprint.inner)
+    return _possible(footprint.inner.tobytes(), world, kept_m, headings)
+
+
+@remembered(2)  # drives ask, and proofs of what is necessary
+def _possible(inner: bytes, world: World, kept_m: float, headings: int) -> FreeSlices:
+    held = np.frombuffer(inner).reshape(-1, 4, 2)
+    half_turn, pieces = np.pi / headings, _rectangles(held)
     shrunk = kept_by_all(pieces, half_turn, kept_m - UNSEEN_M)
-    extent = _extents(footprint.inner, -half_turn, headings) - _ROUNDING_M
+    extent = _extents(held, -half_turn, headings) - _ROUNDING_M
     obstacles = obstacle_parts(world.obstacles, inner=True)
     return _slices(world, shrunk, obstacles, extent, headings)
 
@@ -183,9 +190,10 @@ def component_around(
     """
     box, made = box_around(pieces, obstacles), dict[int, Geometries]()
     (low, high), moving, still = box[:, None], stacked(pieces), stacked(obstacles)
+    alike = _alike_after(pieces, headings)
 
     def parts_of(k: int) -> Geometries:
-        if k not in made:
+        if (k := k % alike) not in made:
             charge(Cost.SLICE)
             charge(Cost.SUM, len(pieces) * len(obstacles))
             whole = np.array([shapely.box(*box.ravel())], dtype=object)
@@ -208,7 +216,16 @@ def component_around(
             new = [(beside, j) for j in meet if (beside, j) not in found]
             found |= dict.fromkeys(new)
             todo += new
-    return np.array([made[k][i] for k, i in found]), False
+    return np.array([parts_of(k)[i] for k, i in found]), False
+
+
+def _alike_after(pieces: list[Array], headings: int) -> int:
+    """Slices after which one convex piece looks the same, a square after a quarter of them."""
+    for k in (k for k in range(1, headings) if headings % k == 0 and len(pieces) == 1):
+        apart = (pieces[0] @ rotation(2 * np.pi * k / headings))[:, None] - pieces[0]
+        if np.abs(apart).max(axis=2).min(axis=1).max() < _SAME_M:
+            return k
+    return headings
 
 
 def _rectangles(pieces: Array) -> Array:
@@ -262,7 +279,9 @@ def _blocked(
     met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
     blocked = np.full(met.shape, None, dtype=object)
     blocked[met] = shapely.polygons(sums[met])
-    by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))  # faster than all at once
+    by_obstacle = blocked[:, 0]
+    if len(pieces) > 1:  # faster than all at once
+        by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))
     whole = np.asarray(shapely.union_all(by_obstacle, axis=1), dtype=object)
     at, *_ = np.nonzero(met)
     middles = shapely.points(sums[met].mean(axis=1))

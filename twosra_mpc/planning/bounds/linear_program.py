@@ -150,7 +150,7 @@ def proved_minimum(
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    result = minimise(objective, rows, limits, bounds)
+    result = minimise(objective, rows, limits, bounds) if objective.any() else None
     if result is not None:
         least, loose = _weak_duality(objective, rows, limits, bounds, per_cost, result)
         return max(0.0, least / (1 + loose)), result.x

@@ -183,25 +183,26 @@ def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> 
         changes: (low, high) of every segment's change of W up to the end of each stage.
         modes: The soft modes of each stage.
     """
-    columns = [mode for each in modes for mode in each]
-    rows, limits, used = [np.zeros(len(columns))], [0.0], 0
-    for change, each in zip(changes, modes, strict=True):
-        used += len(each)
-        for j, (low, high) in enumerate(change):
-            row = np.array([mode[j] if i < used else 0 for i, mode in enumerate(columns)], float)
-            for sign, limit in ((-1.0, -low), (1.0, high)):
-                if not math.isfinite(limit):
-                    continue
-                if not row.any() and limit < -_ROUNDING:
-                    return False
-                rows.append(sign * row)
-                limits.append(limit + _ROUNDING)
-    if not columns:
+    columns, sums = [mode for each in modes for mode in each], list[list[int]]()
+    for count, change in zip(itertools.accumulate(map(len, modes)), changes, strict=True):
+        rest = [0] * (len(columns) - count)
+        sums += [[mode[j] for mode in columns[:count]] + rest for j in range(len(change))]
+    changed = np.array(sums, dtype=float).reshape(len(sums), len(columns))
+    ends = np.array([ends for change in changes for ends in change]).T + [[-_ROUNDING], [_ROUNDING]]
+    asked = np.isfinite(ends)
+    some = asked.any(axis=0)
+    middle = np.where(asked, ends, ends[::-1])[:, some].mean(axis=0)
+    found = changed @ np.linalg.lstsq(changed[some], middle)[0]
+    if ((ends[0] <= found) & (found <= ends[1])).all():  # as simple bends do
         return True
+    if (~changed.any(axis=1) & ((ends[0] > 0) | (ends[1] < 0))).any():
+        return False
+    rows = np.concatenate([-changed[asked[0]], changed[asked[1]]])
+    limits = np.concatenate([-ends[0, asked[0]], ends[1, asked[1]]])
     # If there is a solution there is one that solves some of the rows as equations. Their entries
     # are 0 and 1, so by Cramer and Hadamard it is no larger than this.
     n = len(columns)
     largest = n ** (n / 2 + 1) * float(np.abs(limits).max())
     bounds, none = [(-largest, largest)] * n, np.zeros(n)
-    least, _ = proved_minimum(none, np.array(rows), np.array(limits), bounds, none)
+    least, _ = proved_minimum(none, rows, limits, bounds, none)
     return least < math.inf

@@ -23,6 +23,7 @@ from twosra_mpc.space.screws import twists
 # Fractional parts of its multiples fill the unit cube evenly: powers of the root of x^4 = x + 1.
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
+_FEW = 10_000  # coordinates of legs whose times are found at once: 2 MiB on the way
 _AT_ONCE = 1000  # legs that are compared in about the time that a chain takes
 HIDDEN_S = 1e-4  # less costs nothing; of chains that cost the same the shortest is taken
 _TIE = 1e-7  # of the time of drives, added to what they cost: less than `HIDDEN_S` in all
@@ -170,9 +171,10 @@ class _Legs:
             here, there = self._leave[k], self._arrive[k]
             if k == len(layers):  # every station has a goal of its own
                 self._cost.append(_direct_s(driver, here, there, hidden_s[k]))
-            else:  # station by station: what is computed on the way weighs 20 times as much
-                costs = [_direct_s(driver, one, there, hidden_s[k]) for one in here]
-                self._cost.append(np.array(costs).reshape(len(here), len(there)))
+            else:  # few at a time: what is computed on the way weighs 20 times as much
+                parts = np.array_split(here[:, None], 1 + here.size * len(there) // _FEW)
+                costs = [_direct_s(driver, few, there, hidden_s[k]) for few in parts]
+                self._cost.append(np.concatenate(costs))
         self._found: dict[tuple[int, int, int], Array] = {}
         self._parted: set[int] = set()
         self._surveyed: set[int] = set()
