@@ -190,6 +190,10 @@ class Motion:
     inputs: Array
     states: Array
 
+    def __post_init__(self) -> None:
+        self.inputs.setflags(write=False)
+        self.states.setflags(write=False)
+
     @property
     def end(self) -> Array:
         """Q after the last phase, shape (3 + n,)."""
@@ -204,10 +208,7 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
         charge(Cost.INTERVAL, len(s))
         states.append(followed(robot, here, s, mode))
         here = states[-1][-1]
-    fixed, nodes = inputs.copy(), np.array(states)
-    nodes.setflags(write=False)
-    fixed.setflags(write=False)
-    return Motion(robot, sequence, fixed, nodes)
+    return Motion(robot, sequence, inputs.copy(), np.array(states))
 
 
 def joined(motions: Sequence[Motion]) -> Motion:
@@ -219,10 +220,7 @@ def joined(motions: Sequence[Motion]) -> Motion:
         inputs.append(np.pad(motion.inputs, resting))
         states.append(np.pad(motion.states, resting, mode="edge"))
     sequence = tuple(itertools.chain.from_iterable(motion.sequence for motion in motions))
-    all_inputs, all_states = np.concatenate(inputs), np.concatenate(states)
-    all_inputs.setflags(write=False)
-    all_states.setflags(write=False)
-    return Motion(motions[0].robot, sequence, all_inputs, all_states)
+    return Motion(motions[0].robot, sequence, np.concatenate(inputs), np.concatenate(states))
 
 
 def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:
