@@ -168,10 +168,13 @@ def drive(q: Array, s: Array) -> Array:
 
 def screws(headings: Array, s: Array) -> Array:
     """Changes of pose by rigid input displacements (..., 3) from these headings, (..., 3)."""
-    u, v, turn = np.moveaxis(s, -1, 0)
-    chord, angle = np.sinc(turn / (2 * np.pi)), headings + turn / 2
-    c, sine = chord * np.cos(angle), chord * np.sin(angle)
-    return np.stack([c * u - sine * v, sine * u + c * v, turn], axis=-1)
+    turn = s[..., 2]
+    angle, moved = headings + turn / 2, s.copy()
+    c, sine = np.cos(angle), np.sin(angle)
+    moved[..., 0] = c * s[..., 0] - sine * s[..., 1]
+    moved[..., 1] = sine * s[..., 0] + c * s[..., 1]
+    moved[..., :2] *= np.sinc(turn / (2 * np.pi))[..., None]
+    return moved
 
 
 @dataclass(frozen=True, eq=False)
