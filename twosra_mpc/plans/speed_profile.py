@@ -47,6 +47,7 @@ class SpeedProfile:
         time_s: When, since the phase began, (m + 1,).
         speed: dx/dt as each piece begins, (m,) [1/s].
         acceleration: Of x in each piece, (m,) [1/s2].
+        wheel_rad_s: Wheel speeds as each piece begins, (m, 4).
         effort_s: Integral of the sum of (wheel speed / largest wheel speed)^2 [s].
         peak_rad_s: Largest speed of a wheel.
     """
@@ -56,6 +57,7 @@ class SpeedProfile:
     time_s: Array
     speed: Array
     acceleration: Array
+    wheel_rad_s: Array
     effort_s: float
     peak_rad_s: float
 
@@ -72,6 +74,7 @@ class SpeedProfile:
             time_s=self.time_s * factor,
             speed=self.speed / factor,
             acceleration=self.acceleration / factor**2,
+            wheel_rad_s=self.wheel_rad_s / factor,
             effort_s=self.effort_s / factor,
             peak_rad_s=self.peak_rad_s / factor,
         )
@@ -115,6 +118,7 @@ def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedPro
         time_s=np.append(0.0, np.cumsum(lasting)),
         speed=1 / lasting,
         acceleration=np.zeros(len(used)),
+        wheel_rad_s=turned[0],
         effort_s=float(mean @ lasting) / motion.robot.limits.wheel_speed_rad_s**2,
         peak_rad_s=float(np.abs(turned).max(initial=0.0)),
     )
@@ -133,6 +137,7 @@ def _joined(motion: Motion, phase: int, parts: list[SpeedProfile]) -> SpeedProfi
         ),
         speed=np.concatenate([part.speed for part in parts]),
         acceleration=np.concatenate([part.acceleration for part in parts]),
+        wheel_rad_s=np.concatenate([part.wheel_rad_s for part in parts]),
         effort_s=sum(part.effort_s for part in parts),
         peak_rad_s=max(part.peak_rad_s for part in parts),
     )
@@ -225,6 +230,7 @@ def _profile(
         time_s=np.append(0.0, np.cumsum(time)),
         speed=speed[:-1] / length[:-1],
         acceleration=np.diff(b) / (2 * np.diff(path)) / length[:-1],
+        wheel_rad_s=turned[:-1],
         effort_s=float(middle @ time) / limits.wheel_speed_rad_s**2,
         peak_rad_s=float(np.abs(turned).max()),
     )
