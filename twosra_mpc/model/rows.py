@@ -35,7 +35,12 @@ def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Ar
 
 
 def _empty(function: ca.Function, count: int) -> list[Array]:
-    return [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
+    return [np.empty((count, size)) for size in _sizes(function)]
+
+
+@per_function()
+def _sizes(function: ca.Function) -> list[int]:
+    return [function.numel_out(i) for i in range(function.n_out())]
 
 
 def _fill(
@@ -75,7 +80,7 @@ class _Ready:
 
     def __init__(self, function: ca.Function, count: int) -> None:
         self.reads = [np.empty((count, function.numel_in(i))) for i in range(function.n_in())]
-        self.writes = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
+        self.writes = _empty(function, count)
         self._mapped = InPlace(function.map(count), self.reads, self.writes)
         self.evaluate = self._mapped.evaluate
 
