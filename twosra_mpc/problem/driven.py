@@ -58,10 +58,10 @@ def driven(
     rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
     modes, begin, rate, dt = mode[rows], v[rows], a[rows], dt_s[rows, None]
     after = begin + rate * dt
-    on = (np.diff(rows) == 1) & (modes[1:] == modes[:-1]).all(axis=1)
-    on &= (np.abs(begin[1:] - after[:-1]) <= _SAME_INPUT).all(axis=1)
-    stops = np.flatnonzero(np.append(~on, True))  # elsewhere the next row begins as this one ends
-    next_to = np.append(np.arange(1, len(rows)), 0)
+    goes_on = np.zeros(len(rows), dtype=bool)  # the next row begins as this one ends
+    goes_on[:-1] = (np.diff(rows) == 1) & (modes[1:] == modes[:-1]).all(axis=1)
+    goes_on[:-1] &= (np.abs(begin[1:] - after[:-1]) <= _SAME_INPUT).all(axis=1)
+    stops, next_to = np.flatnonzero(~goes_on), np.arange(1, len(rows) + 1)
     next_to[stops] = len(rows) + np.arange(len(stops))
     ends = rows[stops] + 1
     *shares, turning, ended, moved = by_modes(
