@@ -137,22 +137,29 @@ def _checked(function: Any, name: str, module: str) -> Any:
     """A function under this name that looks at its arguments first."""
 
     @functools.cache  # when it is first called: what annotations name is imported by then
-    def known() -> tuple[tuple[str, ...], dict[str, Kind]]:
+    def known() -> tuple[dict[str, int], dict[str, Kind]]:
         checks = {} if name in MADE_BY else dict(kinds(function, module))
-        return tuple(inspect.signature(function).parameters), checks
+        return {each: i for i, each in enumerate(inspect.signature(function).parameters)}, checks
 
     @functools.wraps(function)
     def checked(*args: Any, **named: Any) -> Any:
         places, checks = known()
-        given = dict(zip(places, args, strict=False)) | named
-        taken = {each: kind.take(given[each]) for each, kind in checks.items() if each in given}
-        for each, value in taken.items():
-            if value is _OTHER:
-                raise _wrong_kind(checks[each], each, given[each])
-        named |= {each: taken[each] for each in taken.keys() & named.keys()}
-        placed = [taken.get(*each) for each in zip(places, args, strict=False)]
+        for each, kind in checks.items():
+            place, by_name = places[each], each in named
+            if not by_name and place >= len(args):
+                continue
+            given = named[each] if by_name else args[place]
+            taken = kind.take(given)
+            if taken is _OTHER:
+                raise _wrong_kind(kind, each, given)
+            if taken is given:
+                continue
+            if by_name:
+                named[each] = taken
+            else:
+                args = (*args[:place], taken, *args[place + 1 :])
         try:
-            return function(*placed, *args[len(placed) :], **named)
+            return function(*args, **named)
         except TypeError:
             _check_bound(name, inspect.signature(function), args, named)
             raise  # it comes from within
@@ -290,16 +297,24 @@ def _of_class(kind: Any) -> Kind:
     def take(value: Any) -> Any:
         if protocol and not isinstance(value, type) and all(hasattr(value, each) for each in able):
             return value
-        classes = {each.__name__ for each in type(value).__mro__}
+        classes = _class_names(type(value))
+        if name in classes:
+            return value
         own = (_TAKEN_OF.get((name, given)) for given in classes)
-        return value if name in classes else next((of(value) for of in own if of), _OTHER)
+        return next((of(value) for of in own if of), _OTHER)
 
     return Kind(f"a {name}: {MADE_BY.get(name, f'{name}(...)')}", take)
 
 
+@functools.lru_cache(256)
+def _class_names(of: type) -> frozenset[str]:
+    """Names of a class and of those that it comes from."""
+    return frozenset(each.__name__ for each in of.__mro__)
+
+
 def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
     """Say what makes a value of this kind."""
-    classes = {each.__name__ for each in type(value).__mro__} if _PATH in kind.words else {}
+    classes = _class_names(type(value)) if _PATH in kind.words else ()
     hints = [words for each, words in _WORDS["written_by"].items() if each in classes]
     return InputError(name, value, kind.words, hint=(*hints, near_word(value, kind.names))[0])
 

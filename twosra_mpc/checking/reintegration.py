@@ -193,7 +193,9 @@ def _follow(
         to = bisect.bisect_right(ends, done + longest) if many else row + 1
         left = ends[to - 1] - done
         step = min(longest, left)
-        after, error, curvature = steps(q, step * direction, many)
+        after, error, curvature = steps(q, step * direction, False)
+        if many and error <= 1:
+            after, error, curvature = steps(q, step * direction, True)
         growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
         if not error <= 1:  # nor where it is no number
             longest = step * (max(_LEAST_GROWTH, growth) if error > 1 else _LEAST_GROWTH)

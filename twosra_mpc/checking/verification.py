@@ -177,12 +177,10 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     dt = np.diff(samples.t_s)[:, None]
     end = samples.v[:-1] + samples.a[:-1] * dt
     size = np.abs(samples.v[:-1]).max(axis=1) + np.abs(end).max(axis=1)
-    aside = [
-        np.abs(samples.v[:-1, i] * end[:, j] - samples.v[:-1, j] * end[:, i])
-        for i, j in itertools.combinations(range(samples.v.shape[1]), 2)
-    ]
+    across = samples.v[:-1, :, None] * end[:, None]
+    aside = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
     back = (samples.v[:-1] * end).sum(axis=1) < -ROUNDING * size**2
-    wrong = back | (np.max(aside, axis=0) > ROUNDING * size**2)
+    wrong = back | (aside > ROUNDING * size**2)
     if wrong.any():
         yield f"at {samples.t_s[:-1][wrong][0]:z.3f} s the input changes its direction on the way"
     most = problem.robot.limits.wheel_acceleration_rad_s2

@@ -169,10 +169,13 @@ def drive(q: Array, s: Array) -> Array:
 
 def screws(headings: Array, s: Array) -> Array:
     """Changes of pose by rigid input displacements (..., 3) from these headings, (..., 3)."""
-    u, v, turn = np.moveaxis(s, -1, 0)
-    chord, angle = np.sinc(turn / (2 * np.pi)), headings + turn / 2
-    c, sine = chord * np.cos(angle), chord * np.sin(angle)
-    return np.stack([c * u - sine * v, sine * u + c * v, turn], axis=-1)
+    turn = s[..., 2]
+    angle, moved = headings + turn / 2, s.copy()
+    c, sine = np.cos(angle), np.sin(angle)
+    moved[..., 0] = c * s[..., 0] - sine * s[..., 1]
+    moved[..., 1] = sine * s[..., 0] + c * s[..., 1]
+    moved[..., :2] *= np.sinc(turn / (2 * np.pi))[..., None]
+    return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +194,10 @@ class Motion:
     inputs: Array
     states: Array
 
+    def __post_init__(self) -> None:
+        self.inputs.setflags(write=False)
+        self.states.setflags(write=False)
+
     @property
     def end(self) -> Array:
         """Q after the last phase, shape (3 + n,)."""
@@ -204,10 +211,7 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
         charge(Cost.INTERVAL, len(s))
         states.append(followed(robot, here, s, mode))
         here = states[-1][-1]
-    fixed, nodes = inputs.copy(), np.array(states)
-    nodes.setflags(write=False)
-    fixed.setflags(write=False)
-    return Motion(robot, sequence, fixed, nodes)
+    return Motion(robot, sequence, inputs.copy(), np.array(states))
 
 
 def joined(motions: Sequence[Motion]) -> Motion:
@@ -219,10 +223,7 @@ def joined(motions: Sequence[Motion]) -> Motion:
         inputs.append(np.pad(motion.inputs, resting))
         states.append(np.pad(motion.states, resting, mode="edge"))
     sequence = tuple(itertools.chain.from_iterable(motion.sequence for motion in motions))
-    all_inputs, all_states = np.concatenate(inputs), np.concatenate(states)
-    all_inputs.setflags(write=False)
-    all_states.setflags(write=False)
-    return Motion(motions[0].robot, sequence, all_inputs, all_states)
+    return Motion(motions[0].robot, sequence, np.concatenate(inputs), np.concatenate(states))
 
 
 def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:

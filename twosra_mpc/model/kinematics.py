@@ -141,10 +141,11 @@ def kinematics(robot: Robot | Body) -> Kinematics:
     segments = robot.geometry.segments
     q, sigma = ca.SX.sym("q", POSE + segments), ca.SX.sym("sigma", segments)
     path = path_model(robot)
-    jacobian = hybrid_jacobian(robot.geometry, path, q, sigma)
+    in_body = hybrid_jacobian(robot.geometry, path, q[POSE:], sigma)
+    jacobian = ca.vertcat(_turned(q[2]) @ in_body[:2, :], in_body[2:, :])
     wheel_map = exact_wheel_map(robot.geometry)
     if path.wheel_map == "exact":
-        wheels = wheel_map(q[POSE:]) @ _body_rates(q, jacobian)
+        wheels = wheel_map(q[POSE:]) @ in_body
     else:
         wheels = wheel_configuration(robot.geometry, q, sigma)
     both = [ca.densify(jacobian), ca.densify(wheels)]
@@ -170,25 +171,27 @@ def wheel_travel(body: Body) -> ca.Function:
     return ca.Function("wheel_travel", [q, s, sigma], [matrix @ s])
 
 
-def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:
-    """J(q, sigma), (3 + n) x 5, columns (v1, v2, u0, v0, r0); sigma may be a symbol.
+def hybrid_jacobian(geometry: Geometry, path: PathModel, kappa: ca.SX, sigma: ca.SX) -> ca.SX:
+    """J as seen from b0, (3 + n) x 5, columns (v1, v2, u0, v0, r0); sigma may be a symbol.
 
-    Paper section III-D with errata 3 (sign of the phi row) and 9 (autonomous form).
+    Its rows are b0's twist (u, v, r) and the curvatures' rates: at phi = 0 those of q. Paper
+    section III-D with errata 3 (sign of the phi row) and 9 (autonomous form).
     """
     lengths = ca.DM(geometry.lengths_m)
     stiffness = [sigma[j] for j in range(geometry.segments)]
     rigid = math.prod((1 - s for s in stiffness), start=ca.SX(1))
-    rotation = ca.blockcat([[ca.cos(q[2]), -ca.sin(q[2])], [ca.sin(q[2]), ca.cos(q[2])]])
     soft = [
-        ca.vertcat(
-            rotation @ ca.vertcat(*bend.twist[:2]),
-            bend.twist[2],
-            ca.vertcat(*bend.bending) / lengths,
-        )
-        for bend in path.bends(q[POSE:] * lengths, stiffness)
+        ca.vertcat(*bend.twist, ca.vertcat(*bend.bending) / lengths)
+        for bend in path.bends(kappa * lengths, stiffness)
     ]
-    drive = ca.vertcat(ca.diagcat(rotation, 1), ca.SX.zeros(geometry.segments, 3)) * rigid
+    drive = ca.vertcat(ca.SX.eye(POSE), ca.SX(geometry.segments, POSE)) * rigid
     return ca.horzcat(*soft, drive)
+
+
+def _turned(angle: ca.SX) -> ca.SX:
+    """Matrix that turns vectors by an angle."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.blockcat([[c, -s], [s, c]])
 
 
 def wheel_configuration(geometry: Geometry, q: ca.SX, sigma: ca.SX) -> ca.SX:
@@ -218,13 +221,6 @@ def exact_wheel_map(geometry: Geometry) -> ca.Function:
     bent = [rigid[wheel, :2] @ ca.jacobian(poses[:2, wheel], kappa) for wheel in range(WHEELS)]
     rows = ca.horzcat(rigid, ca.vertcat(*bent)) / geometry.wheel_radius_m
     return ca.Function("W", [kappa], [rows], ["kappa"], ["W"])
-
-
-def _body_rates(q: ca.SX, jacobian: ca.SX) -> ca.SX:
-    """J with its first two rows turned into b0: (u, v, r, kappa1' ... kappan') per input."""
-    c, s = ca.cos(q[2]), ca.sin(q[2])
-    to_body = ca.blockcat([[c, s], [-s, c]])
-    return ca.vertcat(to_body @ jacobian[:2, :], jacobian[2:, :])
 
 
 def wheel_independence(geometry: Geometry, kappa: ca.SX) -> ca.SX:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -18,38 +19,52 @@ _BLOCK = 64  # rows at once: a function for so many rows weighs as much as their
 
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """Values of a function of dense vectors: an array (m, k) for each argument and each result."""
-    count = len(rows[0])
-    if not count:
-        return [np.empty((0, function.numel_out(i))) for i in range(function.n_out())]
-    block = math.ceil(count / math.ceil(count / _BLOCK))  # all alike
-    idle = _idle(function, block)
-    ready = idle.pop() if idle else _Ready(function, block)
-    values = [np.empty((count, each.shape[1])) for each in ready.writes]
-    for first in range(0, count, block):
-        at = slice(min(first, count - block), min(first, count - block) + block)  # ends with rows
-        for own, given in zip(ready.reads, rows, strict=True):
-            own[:] = given[at]
-        ready.evaluate()
-        for asked, own in zip(values, ready.writes, strict=True):
-            asked[at] = own
-    idle.append(ready)
+    values = _empty(function, len(rows[0]))
+    _fill(values, function, rows)
     return values
 
 
 def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """As ``by_rows``, where the last array says the mode of each row."""
     *given, modes = rows
-    codes = modes @ (1 << np.arange(modes.shape[1]))
-    kinds = set(codes.tolist())
-    if len(kinds) == 1:
-        return by_rows(in_mode(function, tuple(modes[0].tolist())), *given)
-    values = [np.empty((len(codes), function.numel_out(i))) for i in range(function.n_out())]
-    for code in kinds:
-        at = np.flatnonzero(codes == code)
-        own = in_mode(function, tuple(modes[at[0]].tolist()))
-        for whole, found in zip(values, by_rows(own, *(each[at] for each in given)), strict=True):
-            whole[at] = found
+    codes, values = modes @ (1 << np.arange(modes.shape[1])), _empty(function, len(modes))
+    for code in set(codes.tolist()):
+        at = (codes == code).nonzero()[0]
+        _fill(values, in_mode(function, tuple(modes[at[0]].tolist())), given, at)
     return values
+
+
+def _empty(function: ca.Function, count: int) -> list[Array]:
+    return [np.empty((count, size)) for size in _sizes(function)]
+
+
+@per_function()
+def _sizes(function: ca.Function) -> list[int]:
+    return [function.numel_out(i) for i in range(function.n_out())]
+
+
+def _fill(
+    values: Sequence[Array],
+    function: ca.Function,
+    rows: Sequence[Array | NDArray[np.int64]],
+    of: NDArray[np.intp] | None = None,
+) -> None:
+    """Fill in the values of some rows, or of all."""
+    count = len(rows[0] if of is None else of)
+    if not count:
+        return
+    block = math.ceil(count / math.ceil(count / _BLOCK))  # all alike
+    idle = _idle(function, block)
+    ready = idle.pop() if idle else _Ready(function, block)
+    for first in range(0, count, block):
+        begin = min(first, count - block)  # ends with rows
+        at = slice(begin, begin + block) if of is None else of[begin : begin + block]
+        for own, given in zip(ready.reads, rows, strict=True):
+            own[:] = given[at]
+        ready.evaluate()
+        for asked, own in zip(values, ready.writes, strict=True):
+            asked[at] = own
+    idle.append(ready)
 
 
 @per_function(16)
@@ -65,7 +80,7 @@ class _Ready:
 
     def __init__(self, function: ca.Function, count: int) -> None:
         self.reads = [np.empty((count, function.numel_in(i))) for i in range(function.n_in())]
-        self.writes = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
+        self.writes = _empty(function, count)
         self._mapped = InPlace(function.map(count), self.reads, self.writes)
         self.evaluate = self._mapped.evaluate
 

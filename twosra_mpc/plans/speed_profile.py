@@ -26,7 +26,7 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, 
 from twosra_mpc.problem.limits import interval_durations, least_times_and_turns
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
-from twosra_mpc.robot.coordinates import INPUTS, Array
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import Transition, transition_model
@@ -50,6 +50,7 @@ class SpeedProfile:
         time_s: When, since the phase began, (m + 1,).
         speed: dx/dt as each piece begins, (m,) [1/s].
         acceleration: Of x in each piece, (m,) [1/s2].
+        wheel_rad_s: Wheel speeds as each piece begins, (m, 4).
         effort_s: Integral of the sum of (wheel speed / largest wheel speed)^2 [s].
         peak_rad_s: Largest speed of a wheel.
     """
@@ -59,6 +60,7 @@ class SpeedProfile:
     time_s: Array
     speed: Array
     acceleration: Array
+    wheel_rad_s: Array
     effort_s: float
     peak_rad_s: float
 
@@ -75,6 +77,7 @@ class SpeedProfile:
             time_s=self.time_s * factor,
             speed=self.speed / factor,
             acceleration=self.acceleration / factor**2,
+            wheel_rad_s=self.wheel_rad_s / factor,
             effort_s=self.effort_s / factor,
             peak_rad_s=self.peak_rad_s / factor,
         )
@@ -118,6 +121,7 @@ def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedPro
         time_s=np.append(0.0, np.cumsum(lasting)),
         speed=1 / lasting,
         acceleration=np.zeros(len(used)),
+        wheel_rad_s=turned[0],
         effort_s=float(mean @ lasting) / motion.robot.limits.wheel_speed_rad_s**2,
         peak_rad_s=float(np.abs(turned).max(initial=0.0)),
     )
@@ -136,6 +140,7 @@ def _joined(motion: Motion, phase: int, parts: list[SpeedProfile]) -> SpeedProfi
         ),
         speed=np.concatenate([part.speed for part in parts]),
         acceleration=np.concatenate([part.acceleration for part in parts]),
+        wheel_rad_s=np.concatenate([part.wheel_rad_s for part in parts]),
         effort_s=sum(part.effort_s for part in parts),
         peak_rad_s=max(part.peak_rad_s for part in parts),
     )
@@ -228,6 +233,7 @@ def _profile(
         time_s=np.append(0.0, np.cumsum(time)),
         speed=speed[:-1] / length[:-1],
         acceleration=np.diff(b) / (2 * np.diff(path)) / length[:-1],
+        wheel_rad_s=turned[:-1],
         effort_s=float(middle @ time) / limits.wheel_speed_rad_s**2,
         peak_rad_s=float(np.abs(turned).max()),
     )
@@ -285,7 +291,9 @@ def sample(
     heating = transition_model(problem).heating(transitions)
     events = [time for item in heating for time in item.event_times() if time <= finish_s]
     times = np.array(sorted({0.0, finish_s, *np.arange(0.0, finish_s, HOLD_SAMPLE_S), *events}))
-    t, q, v, a, mode = _on_path(_knots(motion, profiles, phase_starts), times, problem.robot)
+    t, q, v, a, mode, wheel_rad_s = _on_path(
+        _knots(motion, profiles, phase_starts), times, problem.robot
+    )
     just_after = t + 2 * SAME_TIME_S
     resting = ~(v.any(axis=1) | a.any(axis=1))
     soft = np.column_stack([item.soft(just_after) for item in heating])
@@ -297,7 +305,7 @@ def sample(
         v=v,
         a=a,
         mode=mode,
-        wheel_rad_s=wheel_speeds(problem.robot, q, v, mode),
+        wheel_rad_s=wheel_rad_s,
         temperature_C=metal[0],
         melt_fraction=metal[1],
         heater_setpoint_C=np.column_stack([item.setpoint_C(just_after) for item in heating]),
@@ -305,7 +313,8 @@ def sample(
     )
 
 
-Knots = tuple[Array, Array, Array, Array, NDArray[np.int64]]  # times, q, v, a and modes, by rows
+Knots = tuple[Array, Array, Array, Array, NDArray[np.int64], Array]
+"""Times, q, v, a, modes and wheel speeds, by rows."""
 
 
 def _knots(
@@ -315,8 +324,8 @@ def _knots(
 
     From each row on the robot moves with input v + a (t' - t) in its mode, or rests.
     """
-    still, modes = np.zeros((1, INPUTS)), np.array(motion.sequence)
-    found = [(np.zeros(1), motion.states[0, :1], still, still, modes[:1])]
+    still, resting, modes = np.zeros((1, INPUTS)), np.zeros((1, WHEELS)), np.array(motion.sequence)
+    found = [(np.zeros(1), motion.states[0, :1], still, still, modes[:1], resting)]
     for i, profile in enumerate(profiles):
         start = phase_starts[i]
         if profile.duration_s <= SAME_TIME_S:
@@ -324,8 +333,8 @@ def _knots(
         stop = float(found[-1][0][-1])
         if start <= stop + SAME_TIME_S:
             start = stop
-            t, q, v, a, mode = found[-1]
-            found[-1] = t[:-1], q[:-1], v[:-1], a[:-1], mode[:-1]
+            t, q, v, a, mode, wheels = found[-1]
+            found[-1] = t[:-1], q[:-1], v[:-1], a[:-1], mode[:-1], wheels[:-1]
         k = np.minimum(profile.x[:-1].astype(int), len(motion.inputs[i]) - 1)
         s = motion.inputs[i, k]
         found.append(
@@ -335,21 +344,30 @@ def _knots(
                 np.concatenate([s * profile.speed[:, None], still]),
                 np.concatenate([s * profile.acceleration[:, None], still]),
                 np.tile(modes[i], (len(k) + 1, 1)),
+                np.concatenate([profile.wheel_rad_s, resting]),
             )
         )
-    t, q, v, a, mode = (np.concatenate(column) for column in zip(*found, strict=True))
-    return t, q, v, a, mode
+    t, q, v, a, mode, wheels = (np.concatenate(column) for column in zip(*found, strict=True))
+    return t, q, v, a, mode, wheels
 
 
 def _on_path(knots: Knots, times: Array, robot: Robot) -> Knots:
     """The knots, and what is between them at further times."""
-    known, q, v, a, mode = knots
+    known, q, v, a, mode, wheels = knots
     further = new_times(times, known)
     at = np.searchsorted(known, further, side="right") - 1
     elapsed = (further - known[at])[:, None]
     between = flown(robot, q[at], (v[at] + a[at] * elapsed / 2) * elapsed, mode[at])
+    later = v[at] + a[at] * elapsed
     t = np.concatenate([known, further])
     order = np.argsort(t, kind="stable")
     rows = np.concatenate([np.arange(len(known)), at])[order]
-    later = np.concatenate([v, v[at] + a[at] * elapsed])[order]
-    return t[order], np.concatenate([q, between])[order], later, a[rows], mode[rows]
+    q, v, wheels = (
+        np.concatenate(each)[order]
+        for each in (
+            (q, between),
+            (v, later),
+            (wheels, wheel_speeds(robot, between, later, mode[at])),
+        )
+    )
+    return t[order], q, v, a[rows], mode[rows], wheels

@@ -21,6 +21,8 @@ from twosra_mpc.problem.limits import (
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
+_SAME_INPUT = 1e-12  # m/s or rad/s: rounding of what an input grows to until the next sample
+
 
 class Driven(NamedTuple):
     """Samples of a plan from which on the robot moves, m of them.
@@ -54,25 +56,31 @@ def driven(
         mode: Stiffness until then, (m, n).
     """
     rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
-    first, last, modes = q[rows], q[np.minimum(rows + 1, len(q) - 1)], mode[rows]
-    begin, rate, dt = v[rows], a[rows], dt_s[rows, None]
+    modes, begin, rate, dt = mode[rows], v[rows], a[rows], dt_s[rows, None]
     after = begin + rate * dt
-    ends = _asked(robot, [first, last], [begin, after], rate, modes)
-    bent = dt / 8 * (ends[-1][0] - ends[-1][1])  # Hermite's cubic in between
-    middle = _asked(robot, [(first + last) / 2 + bent], [(begin + after) / 2], rate, modes)
-    places = [np.stack([x[0], y[0], x[1]]) for x, y in zip(ends, middle, strict=True)]
-    turning = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
-    return Driven(rows, places[:-2], turning, places[-2])
-
-
-def _asked(
-    robot: Robot, q: list[Array], v: list[Array], a: Array, mode: NDArray[np.int64]
-) -> list[Array]:
-    """Values of the motion function at places, each (places, m, k)."""
-    count = len(q)
-    given = np.concatenate(q), np.concatenate(v), np.tile(a, (count, 1)), np.tile(mode, (count, 1))
-    found = by_modes(motion_function(robot), *given)
-    return [each.reshape(count, len(a), each.shape[1]) for each in found]
+    goes_on = np.zeros(len(rows), dtype=bool)  # the next row begins as this one ends
+    goes_on[:-1] = (np.diff(rows) == 1) & (modes[1:] == modes[:-1]).all(axis=1)
+    goes_on[:-1] &= (np.abs(begin[1:] - after[:-1]) <= _SAME_INPUT).all(axis=1)
+    stops, next_to = np.flatnonzero(~goes_on), np.arange(1, len(rows) + 1)
+    next_to[stops] = len(rows) + np.arange(len(stops))
+    ends = rows[stops] + 1
+    *shares, turning, ended, moved = by_modes(
+        motion_function(robot),
+        np.concatenate([q[rows], q[np.minimum(ends, len(q) - 1)]]),
+        np.concatenate([begin, after[stops]]),
+        np.concatenate([rate, rate[stops]]),
+        np.concatenate([rate[:1], rate[:-1], rate[stops]]),
+        np.concatenate([modes, modes[stops]]),
+    )
+    first, last = q[rows], q[np.minimum(rows + 1, len(q) - 1)]
+    bent = dt / 8 * (moved[: len(rows)] - moved[next_to])  # Hermite's cubic in between
+    at = (first + last) / 2 + bent, (begin + after) / 2, rate, rate, modes
+    *midway, middle, _, _ = by_modes(motion_function(robot), *at)
+    places = [
+        np.stack([x[: len(rows)], y, x[next_to]]) for x, y in zip(shares, midway, strict=True)
+    ]
+    wheels = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
+    return Driven(rows, places, wheels, np.stack([turning[: len(rows)], middle, ended[next_to]]))
 
 
 def margins(

@@ -163,11 +163,11 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
     most = body.limits.curvature_per_m
     lower, upper = np.clip([low, high], -most, most)
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
+    names, steep, steepest = _steepness(body, bool(half.any()))
     while 0 < len(middles) <= _MOST:
-        names, steep = _steepness(body, bool(half.any()))
         margins = shape_margins(body, middles)
         margin = np.array([margins[name] for name in names])
-        left_per_m = (margin / steep.max(axis=1)[:, None]).min(axis=0)
+        left_per_m = (margin / steepest).min(axis=0)
         at = int(left_per_m.argmax())
         if left_per_m[at] > least:
             best, least = middles[at], left_per_m[at]
@@ -182,13 +182,13 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
 
 
 @per_body(2)
-def _steepness(body: Body, boxes: bool) -> tuple[list[str], Array]:
+def _steepness(body: Body, boxes: bool) -> tuple[list[str], Array, Array]:
     """Limits that forbid shapes, and how much each margin changes per curvature, (limits, n).
 
-    Of single shapes also those of which that is not known: they count as the curvature does.
+    And at most, (limits, 1). Of single shapes also those of which that is not known: they count as the curvature does.
     """
     forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
     known = [limit for limit in forbids if limit.steep is not None or not boxes]
     alike = np.ones(body.geometry.segments)
-    steep = [limit.steep(body) if limit.steep else alike for limit in known]
-    return [limit.name for limit in known], np.array(steep)
+    steep = np.array([limit.steep(body) if limit.steep else alike for limit in known])
+    return [limit.name for limit in known], steep, steep.max(axis=1, keepdims=True)

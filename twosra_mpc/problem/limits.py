@@ -337,15 +337,19 @@ def speed_function(body: Body) -> ca.Function:
 
 @per_body()
 def motion_function(body: Body) -> ca.Function:
-    """(q, v, a, sigma) -> shares of each speed limit, signed, d/dt V v with v' = a [rad/s2], q'."""
+    """(q, v, a, b, sigma) -> shares of each speed limit, signed, d/dt V v [rad/s2] twice, and q'.
+
+    Of v' = a, and of v' = b.
+    """
     segments = body.geometry.segments
-    q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
-    sigma = ca.SX.sym("sigma", segments)
+    q, v, sigma = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("s", segments)
+    rates = [ca.SX.sym(name, INPUTS) for name in ("a", "b")]
     jacobian, wheels = kinematics(body).shared(q, sigma)  # once: what all share is written once
     moved, turned = jacobian @ v, wheels @ v
-    turning = ca.densify(wheels @ a + ca.jtimes(turned, q, moved))
-    told = [*_shares(body, v, moved, turned), turning, ca.densify(moved)]
-    return ca.Function("motion", [q, v, a, sigma], told)
+    bending = ca.jtimes(turned, q, moved)
+    turning = [ca.densify(wheels @ rate + bending) for rate in rates]
+    told = [*_shares(body, v, moved, turned), *turning, ca.densify(moved)]
+    return ca.Function("motion", [q, v, *rates, sigma], told)
 
 
 def _shares(body: Body, s: ca.SX, moved: ca.SX, turned: ca.SX) -> list[ca.SX]:

@@ -5,7 +5,9 @@ For convex P and O and the outward normals n of the sides of either one,
 .. math:: d(P, O) \ge \max_n \min_{p \in P} n \cdot p - \max_{o \in O} n \cdot o,
 
 with n turned for the sides of P. Where P and O overlap this is minus the depth, which changes by at
-most as much as P is moved, as the distance itself does.
+most as much as P is moved, as the distance itself does. So does the distance of a disc around P to
+a box around O, which is less where it is positive: pieces far away are known by that alone, those
+nearer by the larger one, and in between the one becomes the other as steadily.
 
 `Proximity` has them for configurations of any shapes, obstacle by obstacle.
 """
@@ -27,7 +29,7 @@ from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint, footprints, reach_per_curvature_m2
 
 FAR_M = 0.25  # distances beyond this are not told apart
-_NEAR_M = 0.03  # pieces whose disc is nearer to the box around an obstacle are looked at closely
+_NEAR_M = 0.03  # beyond what is kept: pieces whose disc is nearer to a box are looked at closely
 _BATCH = 64  # poses: of a robot of 50 pieces, some MiB on the way
 
 
@@ -73,12 +75,14 @@ class Surroundings:
         points = _flat(np.ascontiguousarray(corners.transpose(2, 3, 0, 1)))
         middle = points.mean(axis=0)
         radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max(axis=0))
-        found = np.empty((len(corners), len(self._parts)))
+        found, near_m = np.empty((len(corners), len(self._parts))), self.kept_m + _NEAR_M
         charge(Cost.DISTANCE, len(corners) * len(self._boxes))
         for low, high, of in self._boxes:
             off = np.maximum(np.maximum(low - middle, middle - high), 0.0)
             apart = np.hypot(off[0], off[1]) - radius
-            near = np.flatnonzero(apart < _NEAR_M)
+            near = np.flatnonzero(apart < near_m)
+            bounded = apart[near]
+            least, most = np.where(bounded > 0, bounded, -np.inf), 2 * near_m - bounded
             apart[near] = FAR_M
             found[:, of] = apart.reshape(len(corners), -1).min(axis=1)[:, None]
             if not len(near):
@@ -90,7 +94,8 @@ class Surroundings:
                 part = self._parts[k]
                 by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
                 by_piece = ((part.corners @ normals).min(axis=1) - reach).max(axis=0)
-                np.minimum.at(found[:, k], row, np.maximum(by_part, by_piece))
+                exact = np.maximum(by_part, by_piece)
+                np.minimum.at(found[:, k], row, np.clip(exact, least, most))
         return np.minimum(found, FAR_M)
 
     def _least(self, corners: Array, lent_m: Array | float) -> Array:

@@ -187,6 +187,7 @@ thermal_start = lru_cache(maxsize=64)(ThermalStart)
 
 KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9  # rounding of sums of times
+_KEPT = 128  # heatings of segments
 
 Onsets = tuple[tuple[Stiffness, float], ...]
 Heated = tuple[TemperatureTrajectory, list[SegmentTransition]]
@@ -305,13 +306,23 @@ class Thermal(TransitionModel):
 
     @cached_property
     def _heated(self) -> Callable[[int, Onsets], Heated]:
-        """How a segment is heated to melt and freeze at some onsets; asked over and over."""
+        """How a segment is heated to melt and freeze at some onsets; asked over and over.
+
+        Also asked for the onsets as they are made, which differ by rounding.
+        """
+        known: dict[tuple[int, Onsets], Heated] = {}
 
         def heated(segment: int, onsets: Onsets) -> Heated:
-            soft, now = self.first[segment] == 1, self.problem.start_states[segment]
-            return self.plans[segment].heated(now, soft, onsets)
+            if (found := known.get((segment, onsets))) is None:
+                soft, now = self.first[segment] == 1, self.problem.start_states[segment]
+                found = self.plans[segment].heated(now, soft, onsets)
+                if len(known) >= _KEPT:
+                    known.clear()
+                as_made = tuple((item.to, item.onset_s) for item in found[1])
+                known[segment, onsets] = known[segment, as_made] = found
+            return found
 
-        return lru_cache(maxsize=64)(heated)
+        return heated
 
 
 @dataclass(frozen=True)

@@ -305,16 +305,17 @@ def least_durations(
 ) -> tuple[float, ...]:
     """Least durations of the phases, as far as the task says how far they bend [s].
 
-    Infinite where a bend must pass a shape that is forbidden. Bends that the task leaves free are
+    Infinite where a bend must pass a shape that is forbidden, and not told after that. Bends that the task leaves free are
     within ``free``, or anything without.
     """
     durations = [0.0] * len(sequence)
     for i, step in enumerate(bend_steps(sequence, task, free) or ()):
         before, bend = step.before, step.surely
-        if bend:
-            durations[i] = task.least_time(step.mode, before, bend)
         if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
             durations[i] = math.inf
+            break
+        if bend:
+            durations[i] = task.least_time(step.mode, before, bend)
     return tuple(durations)
 
 

@@ -15,15 +15,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import Motion, bending_step, passed, roll_out
+from twosra_mpc.model.flow import Motion, bending_step, drive, passed, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.world import Workspace
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, rotation
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
@@ -55,19 +56,35 @@ def guess_motion(
         intervals: Intervals per phase.
         may_drive: Phases whose inputs may be used; all if left out.
     """
-    inputs = np.zeros((len(sequence), intervals, 5))
-    q, states = start, np.empty((len(sequence), len(start)))
+    charge(Cost.INTERVAL, intervals * len(sequence))
+    inputs, states = np.zeros((len(sequence), intervals, INPUTS)), list[Array]()
+    q = np.asarray(start, dtype=float)
     for i, mode in enumerate(sequence):
-        states[i] = q
+        nodes = np.tile(q, (intervals + 1, 1))
         if any(mode) and bends[i] != 0.0:
             nodes, inputs[i, :, :2] = bent(robot, q, mode, float(bends[i]), intervals)
-            q = nodes[-1]
-    inputs[~np.isfinite(inputs)] = 0.0  # farther than anything bends: there is no plan of this
+            lost = ~np.isfinite(nodes).all(axis=1)  # farther than anything bends: no plan of this
+            nodes[lost], inputs[i, lost[1:]] = nodes[lost.argmax() - 1], 0.0
+        states.append(nodes)
+        q = nodes[-1]
     usable = may_drive or [True] * len(sequence)
-    rigid = [i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]]
-    if rigid:
-        inputs[rigid[0]] = rigid_move(states[rigid[0]], q, goal) / intervals
-    return roll_out(robot, start, sequence, inputs)
+    first = next((i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]), None)
+    if first is not None:
+        begin = states[first][0]
+        inputs[first] = rigid_move(begin, q, goal) / intervals
+        states[first][1:] = drive(begin, inputs[first, :, 2:])
+        for later in states[first + 1 :]:
+            later[:, :POSE] = _carried(later[:, :POSE], begin, states[first][-1])
+    return Motion(robot, sequence, inputs, np.array(states))
+
+
+def _carried(poses: Array, begin: Array, end: Array) -> Array:
+    """Poses (m, 3) that move with the robot while it drives from one configuration to another."""
+    turn = end[2] - begin[2]
+    carried: Array = np.empty_like(poses)
+    carried[:, :2] = end[:2] + (poses[:, :2] - begin[:2]) @ rotation(turn)
+    carried[:, 2] = poses[:, 2] + turn
+    return carried
 
 
 def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:

@@ -123,10 +123,9 @@ class GoalSolver:
         self.problem = problem = variant.reaching(stage)
         self._asked, self._guessed_plan = variant.problem, guessed or checked
         inner = inner_goal(problem.robot, problem.goal)
-        self._box, aim = bend_changes(problem, problem.goal, inner)
+        self._box, self._aim = bend_changes(problem, problem.goal, inner)
         least = np.clip(0.0, *self._box)
-        nearest = np.array([least, least])  # where a margin does not fit, bending less may
-        self._aims = (aim, nearest)
+        self._nearest = np.array([least, least])  # where a margin does not fit, bending less may
         self.iterations = 0
 
     def __call__(
@@ -153,11 +152,12 @@ class GoalSolver:
     def _cheapest_guess(self, network: TemporalNetwork, bound: SequenceBound) -> Guessed:
         """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
         problem, sequence = self.problem, network.sequence
-        inside, nearest = (inner_bends(sequence, bound.bends, self._box, aim) for aim in self._aims)
+        inside = inner_bends(sequence, bound.bends, self._box, self._aim)
         drives = [i for i, usable in enumerate(self._drives(sequence)) if usable]
         drive = drives[0] if drives else None
         tried = [self._guessed(network, inside, drive)]
         if tried[0][1] is None:
+            nearest = inner_bends(sequence, bound.bends, self._box, self._nearest)
             tried += [
                 self._guessed(network, bends, drive)
                 for bends in (bound.bends, nearest, bends_around(problem, sequence, inside))
