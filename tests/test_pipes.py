@@ -95,6 +95,15 @@ def test_a_pipe_has_no_ending_and_a_dash_is_one(begins: bytes, arguments: tuple[
     assert done.stdout.startswith(begins), done.stderr
 
 
+def test_a_file_on_standard_output_is_alone_there() -> None:
+    """No tables, no JSON of the command's own; so one command's output is the next one's input."""
+    scenario = program("new", "scenario", "-").stdout
+    for more in ((), ("--json",)):
+        plan = program("plan", "-", "--out", "-", *more, given=scenario).stdout
+        assert json.loads(plan)["format"] == "twosra-plan"
+    assert program("resample", "-", "-", "--rate", "1", given=plan).stdout.startswith('{"format"')
+
+
 @pytest.mark.parametrize("output", ["plan.json", "link.json"])
 def test_no_output_is_an_input(output: str, run_as_is: Run, tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")

@@ -38,10 +38,8 @@ from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
 
 
 def plain(value: object) -> object:
-    """Turn NumPy scalars and arrays into Python numbers and tuples; leave other values alone."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
+    """Turn scalars and arrays of NumPy and its like into numbers and tuples, and nothing else."""
+    if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
         return tuple(plain(item) for item in value)

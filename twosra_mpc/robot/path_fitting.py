@@ -31,7 +31,6 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.keys import near_word
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
@@ -297,8 +296,7 @@ def with_path_model(robot: Robot, model: str) -> Robot:
         InputError: If there is no such path model, or its fit fails.
     """
     if model not in PATH_MODELS:
-        allowed = f"one of {', '.join(PATH_MODELS)}"
-        raise InputError("path.model", model, allowed, hint=near_word(model, PATH_MODELS))
+        raise InputError("path.model", model, f"one of {', '.join(PATH_MODELS)}")
     if model == robot.path.model:
         return robot
     table: dict[str, Any]

@@ -5,6 +5,7 @@ Places in a photograph are in pixels (x right, y down, the middle of the first p
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,7 +71,7 @@ def pictures_in(folder: str | Path) -> list[Path]:
         InputError: If it is no folder, or there is no picture in it.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError("folder", str(folder), "a folder of photographs")
     found = [path for path in folder.iterdir() if path.suffix.lower() in ENDINGS]
     if not found:

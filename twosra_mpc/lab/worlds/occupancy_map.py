@@ -22,7 +22,7 @@ from twosra_mpc.keys import near_key
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array, rotation
-from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
+from twosra_mpc.validation import ArrayValue, NonNegative, Number, Positive, Value, plain
 
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
@@ -44,8 +44,8 @@ class _MapFile(Value):
     mode: Literal["trinary"] = "trinary"
 
 
-@dataclass(frozen=True, eq=False)
-class OccupancyMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class OccupancyMap(ArrayValue):
     """Cells in the plane.
 
     Attributes:
