@@ -107,13 +107,14 @@ def read_bytes(path: Path, source: str) -> bytes:
 
 
 def text_of(data: bytes, source: str) -> str:
-    """UTF-8 text, with or without a byte order mark; lines may end as anywhere.
+    """UTF-8 text, or UTF-16 that a byte order mark begins; lines may end as anywhere.
 
     Raises:
-        InputError: If it is not UTF-8.
+        InputError: If it is neither.
     """
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
-        return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read()
+        return io.TextIOWrapper(io.BytesIO(data), encoding=encoding).read()
     except ValueError as error:
         raise InputError("file", source, f"UTF-8 text ({error})") from error
 
@@ -154,13 +155,18 @@ def open_image(path: Path) -> Iterator[Any]:
     """Open an image (of Pillow) for a block.
 
     Raises:
-        Exception: Of many kinds, if it is none; also if it is so large that Pillow warns of it.
+        InputError: If it cannot be read, or is none.
+        Exception: Of many kinds, if it is spoilt, or so large that Pillow warns of it.
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
-        with Image.open(path) as image:
+        try:
+            image = Image.open(io.BytesIO(read_bytes(path, str(path))))
+        except UnidentifiedImageError:
+            raise InputError("file", str(path), "an image file, as PNG, PGM or JPEG") from None
+        with image:
             yield image
 
 

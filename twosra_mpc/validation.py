@@ -321,7 +321,9 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
             if isinstance(given, str) and given.startswith("["):
                 hint = f"did you mean {given}, without quotes?"
-            if isinstance(given, dict):
+            if isinstance(given, dict) and any(
+                given.keys() & k.model_fields for k in _KINDS.values()
+            ):
                 hint = f"did you mean [[{field}]], which may stand several times?"
             if isinstance(given, BaseModel):
                 hint = f"did you mean a list of one, [{type(given).__name__}(...)]?"
