@@ -180,17 +180,15 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
 
 
 def document_in(text: str, path: Path, source: str) -> dict[str, Any]:
-    """Read the text of a TOML or JSON file into a dictionary.
-
-    A file is JSON by its ending (json, geojson); a pipe, which has none, by its first sign.
+    """Read the text of a TOML or JSON file into a dictionary; JSON begins with a brace.
 
     Raises:
         InputError: If it cannot be parsed; the message carries line and column.
     """
     if path.suffix == ".geojson":
         return json_document(text, source)
-    allowed = "valid TOML, or JSON in a .json file"
-    if path.suffix == ".json" or (is_device(path) and text.lstrip().startswith("{")):
+    allowed = "valid TOML or JSON"
+    if path.suffix == ".json" or text.lstrip().startswith("{"):
         return json_document(text, source, allowed)
     return toml_document(text, source, allowed)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -18,7 +19,6 @@ from twosra_mpc.files import (
     built_in_names,
     check_writable,
     ending_of,
-    is_device,
     outputs_are_no_inputs,
     stream_of,
 )
@@ -186,7 +186,7 @@ class NewFile(click.Path):
         target = super().convert(value, param, ctx)
         assert isinstance(target, Path)  # as asked for above
         taken = click.get_current_context().meta.setdefault("outputs", [])
-        if target.resolve() in map(Path.resolve, taken) and not is_device(target):
+        if target.resolve() in map(Path.resolve, taken) and str(target) != os.devnull:
             raise InputError("output", str(target), "another file for each thing that is written")
         taken.append(target)
         for check in self._checks:
