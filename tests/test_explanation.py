@@ -15,7 +15,7 @@ from once import planned, solved
 import twosra_mpc.analysis.alternatives as alternatives_module
 import twosra_mpc.cli.explain_command as command
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
-from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
+from twosra_mpc import InputError, Plan, PlanInterrupted, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Explanation, explain
@@ -310,7 +310,15 @@ def test_what_is_proved_of_reshaping_is_among_the_reasons() -> None:
 # --- Ctrl-C --------------------------------------------------------------------------------------
 
 
-def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def interrupted_explanation(*args: Any, **named: Any) -> Explanation:
+    """The explanation so far, of one that Ctrl-C ends: it raises, so that loops end, too."""
+    with pytest.raises(PlanInterrupted) as interrupt:
+        explain(*args, **named)
+    assert isinstance(interrupt.value.result, Explanation)
+    return interrupt.value.result
+
+
+def test_an_interrupt_raises_with_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     made = solved("paper-1")
     asked: list[str] = []
 
@@ -319,14 +327,14 @@ def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> 
         if words == "without mode [1,0]":
             raise KeyboardInterrupt
 
-    told = explain(made, on_progress=tell)
+    told = interrupted_explanation(made, on_progress=tell)
     assert not told.complete
     assert [one.change for one in told.alternatives] == [
         "with the next best mode sequence",
         "without mode [0,0]",
     ]
     assert asked[0] == "the plan itself"
-    assert "Interrupted" in str(told)
+    assert "interrupted" in str(told)
     assert told.critical_path == critical_path(made.require())
 
 
@@ -339,7 +347,7 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
-    told = explain(made)
+    told = interrupted_explanation(made)
     assert not told.complete
     last = told.alternatives[-1]
     assert last.change == "without mode [0,0]"
@@ -355,7 +363,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(alternatives_module, "plan_until_interrupted", interrupted)
-    told = explain(made)  # at full speed it is planned anew
+    told = interrupted_explanation(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 
 
@@ -366,7 +374,7 @@ def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
-    told = explain(load_problem("rigid-move", gap=0.0))
+    told = interrupted_explanation(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)
     assert told.critical_path
@@ -384,7 +392,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
 
     monkeypatch.setattr(effort, "time", SimpleNamespace(process_time=lambda: now))
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
-    told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
+    told = interrupted_explanation(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED
     assert not told.complete
 
@@ -411,11 +419,15 @@ def test_the_command_says_that_it_was_interrupted(
     run: Run, explained: Callable[[str], Explanation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     part = dataclasses.replace(explained("paper-1"), complete=False, alternatives=())
-    monkeypatch.setattr(command, "explain", lambda *_, **__: part)
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise PlanInterrupted(part)
+
+    monkeypatch.setattr(command, "explain", interrupted)
     code, out, err = run("explain", "paper-1")
     assert code == 4
     assert "234.58 s freezing both segments" in out
-    assert err == "twosra: interrupted before all alternatives were planned"
+    assert err == "twosra: interrupted: not all alternatives were planned"
 
 
 def test_the_command_says_why_there_is_no_plan(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -112,7 +112,7 @@ def geographic(name: str) -> dict[str, Any]:
     "name",
     [
         *("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4258", "OGC:CRS83"),
-        *("http://www.opengis.net/def/crs/EPSG/0/4326", "[EPSG:4326]"),
+        *("http://www.opengis.net/def/crs/EPSG/0/4326", "[EPSG:4326]", "EPSG:4326+5773", "CRS84h"),
     ],
 )
 def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
 
 
 def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
-    for name in ("urn:ogc:def:crs:EPSG::25832", "EPSG:3857", "EPSG:32632"):
+    for name in ("urn:ogc:def:crs:EPSG::25832", "EPSG:3857", "EPSG:32632", "WGS 84 / UTM zone 32N"):
         assert len(obstacles_of(geographic(name))) == 1
     with pytest.warns(InputWarning, match="crs = 'EPSG:2056' is not known here"):
         obstacles_of(geographic("EPSG:2056"))  # Switzerland, in metres
@@ -146,6 +146,34 @@ def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
 def test_feet_are_refused(name: str) -> None:
     with pytest.raises(InputError, match=r"crs = .*in metres.*these are feet"):
         obstacles_of(geographic(name))
+
+
+@pytest.mark.parametrize(
+    ("own", "allowed"),
+    [
+        *(("metre", True), ("Meter", True), ("m", True), ("degree", False), ("Foot_US", False)),
+        *(("US survey foot", False), ("us-ft", False), ("grad", False), ("yard", False)),
+    ],
+)
+def test_the_unit_that_a_description_gives_last_is_that_of_its_axes(
+    own: str, allowed: bool
+) -> None:
+    """In WKT 1 and 2, in PROJJSON with and without factors, in a string of PROJ."""
+    base = 'GEOGCS["WGS 84",SPHEROID["x",6378137,298.25],UNIT["Degree",0.01745]]'
+    angle = 'BASEGEOGCRS["x",ELLIPSOID["x",1,2,LENGTHUNIT["metre",1]],ANGLEUNIT["degree",0.01]]'
+    given = {"conversion": {"parameters": [{"value": 9, "unit": "degree"}]}}
+    for unit in (own, {"type": "LinearUnit", "name": own, "conversion_factor": 0.3}):
+        axes = {"coordinate_system": {"axis": [{"name": "E", "unit": unit}]}}
+        frames: list[Any] = [{"type": "ProjectedCRS", **given, **axes}]
+        frames += [f'PROJCS["a",{base},PARAMETER["b",1],UNIT["{own}",1.0]]']
+        frames += [f'PROJCRS["a",{angle},CS[Cartesian,2],AXIS["E",east,LENGTHUNIT["{own}",1]]]']
+        frames += [f"+proj=lcc +datum=NAD83 +units={own} +no_defs"] * (" " not in own)
+        for frame in frames:
+            if allowed:
+                assert len(obstacles_of({**polygon(SQUARE), "crs": frame})) == 1
+            else:
+                with pytest.raises(InputError, match=r"^crs = .*these are"):
+                    obstacles_of({**polygon(SQUARE), "crs": frame})
 
 
 def test_a_frame_of_geopandas_says_its_unit() -> None:

@@ -60,6 +60,19 @@ def test_order_of_columns_spaces_and_a_byte_order_mark_do_not_matter(tmp_path: P
     assert odd.mode.tolist() == plain.mode.tolist()
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_a_log_is_the_same_whatever_parts_its_cells(
+    mark: str, encoding: str, tmp_path: Path
+) -> None:
+    """With a decimal comma where the comma parts none, as spreadsheets write it."""
+    content = text(good())
+    if mark != ",":
+        content = content.replace(",", mark).replace(".", ",")
+    (tmp_path / "log.csv").write_text(content, encoding=encoding)
+    assert read_heating_log(tmp_path / "log.csv") == read(tmp_path, text(good()))
+
+
 def test_flexible_is_another_word_for_hold(tmp_path: Path) -> None:
     content = text(good())
     found = read(tmp_path, content.replace("hold", "flexible"))

@@ -130,7 +130,6 @@ EDITS: list[tuple[str, str, tuple[str, ...]]] = [
     ("x_m = 0.1", "x_m =", ("line 11", "a value is missing after =")),
     ("x_m = 0.1", "phi_modulo = True", ("line 11", "true and false are written small")),
     (SCENARIO, "", ("a scenario; this file is empty", "twosra new scenario NAME")),
-    (SCENARIO, '{"robot": "2sra-v1"}', ("JSON is read from a file that ends in .json",)),
 ]
 
 # Legal numbers that are planned with, and probably in another unit.

@@ -95,6 +95,31 @@ def test_a_pipe_has_no_ending_and_a_dash_is_one(begins: bytes, arguments: tuple[
     assert done.stdout.startswith(begins), done.stderr
 
 
+def test_a_file_that_is_redirected_is_as_good_as_a_pipe(tmp_path: Path) -> None:
+    """It has no ending; what it holds says what it is."""
+    solved("rigid-move").save(tmp_path / "plan.json")
+    for command in ("plan", "verify"):
+        with (tmp_path / "plan.json").open() as given:
+            done = subprocess.run(
+                [sys.executable, "-m", "twosra_mpc", command, "-", "-q"], stdin=given
+            )
+        assert done.returncode == 0
+
+
+def test_a_stream_is_written_by_one_output(run_as_is: Run) -> None:
+    code, _, err = run_as_is("plan", "rigid-move", "--out", "-", "--csv", "-")
+    assert (code, "another file for each thing" in err) == (2, True)
+
+
+def test_a_file_on_standard_output_is_alone_there() -> None:
+    """No tables, no JSON of the command's own; so one command's output is the next one's input."""
+    scenario = program("new", "scenario", "-").stdout
+    for more in ((), ("--json",)):
+        plan = program("plan", "-", "--out", "-", *more, given=scenario).stdout
+        assert json.loads(plan)["format"] == "twosra-plan"
+    assert program("resample", "-", "-", "--rate", "1", given=plan).stdout.startswith('{"format"')
+
+
 @pytest.mark.parametrize("output", ["plan.json", "link.json"])
 def test_no_output_is_an_input(output: str, run_as_is: Run, tmp_path: Path) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
+import pickle
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,12 +13,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from once import solved
 
 import twosra_mpc
 from twosra_mpc import (
+    Goal,
     InputError,
     Problem,
     Tolerance,
@@ -31,12 +35,21 @@ from twosra_mpc import (
     plan,
     plotting,
     robot_names,
+    robot_shape,
     save_setpoints,
     with_path_model,
 )
 from twosra_mpc.arguments import MADE_BY, Kind, Word, kinds
-from twosra_mpc.execution import LEVELS, Camera, Disturbance, Executor, SimulatedRobot, simulate
-from twosra_mpc.validation import Value
+from twosra_mpc.execution import (
+    LEVELS,
+    Camera,
+    Disturbance,
+    Executor,
+    SimulatedRobot,
+    simulate,
+    spread,
+)
+from twosra_mpc.validation import ArrayValue, Value
 
 PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
 EXPORTS = ("export.ros2_mcap", "plans.setpoints")
@@ -134,7 +147,12 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda problem, _: plan(problem, on_progres=print), "did you mean on_progress"),  # type: ignore[call-arg]
     (lambda _, result: plan(result), "load_problem"),
     (lambda _, result: check_plan(result), "a path"),
-    (lambda _, result: save_setpoints(result), "'path'"),  # type: ignore[call-arg]
+    (lambda _, result: save_setpoints(result), r"^path is missing: a path; save_setpoints\(plan"),  # type: ignore[call-arg]
+    (lambda _, __: plan(), r"^problem is missing: a Problem: load_problem"),  # type: ignore[call-arg]
+    (lambda problem, _: plan(problem, print, 1), r"plan\(problem, on_progress\), too many"),  # type: ignore[call-arg,arg-type,misc]
+    (lambda problem, _: simulate(problem, executor="greedi"), "did you mean greedy"),
+    (lambda _, __: spread(Camera() for _ in range(2)), "at least 1 of them"),  # type: ignore[arg-type]
+    (lambda _, __: Goal(), "^value = .* at least one of x_m"),
     (lambda problem, _: load_problem(problem), "a path"),  # type: ignore[arg-type]
     (lambda _, result: simulate(result), "load_problem"),
     (lambda problem, _: with_path_model(problem, "arc"), "load_robot"),  # type: ignore[arg-type]
@@ -191,7 +209,8 @@ def test_arrays_of_values_have_the_size_that_is_said(size: int) -> None:
                 method(wrong)
             assert error.value.field == name
         if size == right:
-            method(np.zeros(size))
+            for right_one in (np.zeros(size), [0.0] * size, pd.Series([0.0] * size)):
+                method(right_one)
     if size != 1:
         with pytest.raises(InputError, match="poses"):
             load_problem("grasp-cube").world_with([None] * size)
@@ -218,6 +237,32 @@ def test_what_a_plan_has_is_not_looked_for_in_a_result() -> None:
         with pytest.raises(AttributeError, match=rf"result\.require\(\)\.{name}"):
             getattr(solved("rigid-move"), name)
     assert not hasattr(solved("rigid-move"), "nonsense")
+
+
+def test_whatever_holds_arrays_is_a_value() -> None:
+    """It compares, hashes, and prints in a line; a copy that was pickled is the same."""
+    classes = [thing for thing in public_things() if inspect.isclass(thing)]
+    for each in classes:
+        written = " ".join(map(str, vars(each).get("__annotations__", {}).values()))
+        if dataclasses.is_dataclass(each) or issubclass(each, tuple):
+            assert issubclass(each, ArrayValue) or "Array" not in written, each
+    robot = load_robot("2sra-v1")
+    for value in (robot_shape(robot, [0.1] * 5), kinematics(robot), solved("rigid-move").require()):
+        again = pickle.loads(pickle.dumps(value))
+        assert (again, hash(again)) == (value, hash(value))
+        assert len(repr(value)) < 500
+
+
+@pytest.mark.parametrize("path", ["n" * 300, "n/" * 3000, "a\0b", "", "/", "nowhere/x.json"])
+def test_whatever_stands_for_a_path_is_answered(path: str) -> None:
+    """By all functions that want nothing else, and by one that writes."""
+    for name, function, module in public_calls():
+        known = dict(kinds(function, module))
+        if [*known] in (["path"], ["source"]) and name.startswith(("load_", "check_", "read_")):
+            with pytest.raises(InputError):
+                function(path)
+    with pytest.raises(InputError, match=r"^output = "):
+        solved("rigid-move").save(path)
 
 
 def test_values_compare_and_print_as_values(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import functools
 import inspect
 import math
 import operator
+import re
 import sys
 import tomllib
 import types
@@ -28,14 +29,16 @@ from typing import (
 
 import numpy as np
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.keys import near_word
+from twosra_mpc.errors import MISSING, InputError
+from twosra_mpc.keys import describe, near_word
 
 _WORDS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 MADE_BY: dict[str, str] = _WORDS["made_by"]
 _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is given) -> its own
     ("Plan", "Result"): lambda result: result.require(),
     ("Geometry", "Robot"): lambda robot: robot.geometry,
+    ("Run", "Simulation"): lambda simulation: simulation.run,
+    ("Metrics", "Simulation"): lambda simulation: simulation.metrics,
 }
 
 
@@ -53,7 +56,7 @@ def _is_mode(value: Any) -> bool:
 
 
 _PATH, _TEXT, _ANYTHING = "a path", "a text", "anything"
-_ARRAY = "finite numbers, one or an array, e.g. [0.0, 0.0, 0.0, 10.0, -10.0] for q"
+_ARRAY = "finite numbers, one or an array"
 _PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # name of a kind -> its test, its words
     "str": (lambda value: isinstance(value, str), _TEXT),
     "bytes": (lambda value: isinstance(value, bytes), "bytes, as Path(...).read_bytes() reads"),
@@ -62,10 +65,8 @@ _PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # name of a kind -> it
     "int": (lambda value: isinstance(value, Integral), "a whole number"),
     "bool": (lambda value: isinstance(value, bool | np.bool_), "True or False"),
     "ArrayLike": (lambda value: bool(np.isfinite(_numbers(value)).all()), _ARRAY),
-    "Array": (lambda value: isinstance(value, np.ndarray), "an array: numpy.array([...])"),
     "Mode": (_is_mode, "a mode: for each segment 1 (soft) or 0 (rigid), e.g. (1, 0)"),
 }
-_PLAIN["ndarray"] = _PLAIN["Array"]
 _MARKED = {name: type(name, (), {}) for name in ("ArrayLike", "Array", "Mode")}
 _LIMITS: dict[str, tuple[str, Callable[[Any, Any], bool]]] = {  # of annotations
     "gt": ("more than {:zg}", operator.gt),
@@ -75,6 +76,7 @@ _LIMITS: dict[str, tuple[str, Callable[[Any, Any], bool]]] = {  # of annotations
     "min_length": ("at least {} of them", lambda value, least: len(value) >= least),
     "ends": ("{}", lambda value, _: value[0] <= value[1]),
 }
+_MISSING = re.compile("missing a required .*'(.+)'")  # as ``inspect`` says it
 _OTHER = object()  # in place of a value that is of another kind
 Public = TypeVar("Public", bound=Callable[..., Any])
 
@@ -94,7 +96,7 @@ class Word(enum.StrEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> NoReturn:
-        raise InputError(cls.__name__, value, ", ".join(cls), hint=near_word(value, cls))
+        raise InputError(cls.__name__, value, f"one of {', '.join(cls)}")
 
 
 class Kind(NamedTuple):
@@ -103,12 +105,10 @@ class Kind(NamedTuple):
     Attributes:
         words: What makes one.
         take: A value of this kind -> itself, or what of it is meant; of another: ``_OTHER``.
-        names: The few words that are allowed, if it is one of them.
     """
 
     words: str
     take: Callable[[Any], Any]
-    names: tuple[str, ...] = ()
 
 
 def public(thing: Public) -> Public:
@@ -161,7 +161,7 @@ def _checked(function: Any, name: str, module: str) -> Any:
         try:
             return function(*args, **named)
         except TypeError:
-            _check_bound(name, inspect.signature(function), args, named)
+            _check_bound(name, function, checks, args, named)
             raise  # it comes from within
 
     return checked
@@ -175,6 +175,8 @@ def kinds(function: Callable[..., Any], module: str) -> Iterator[tuple[str, Kind
         if each.annotation is not each.empty and not several:
             written = getattr(each.annotation, "__forward_arg__", each.annotation)
             kind = kind_of(eval(written, {}, names) if isinstance(written, str) else written)
+            if kind.words == _ARRAY and each.name in _WORDS["sized"]:
+                kind = kind._replace(words=_WORDS["sized"][each.name].replace("{} ", ""))
             if kind.words != _ANYTHING:
                 yield each.name, kind
 
@@ -196,8 +198,7 @@ def kind_of(hint: Any) -> Kind:
     if origin is Annotated:
         return _within(kind_of(inner[0]), inner[1:])
     if origin is Literal:
-        words = tuple(map(str, inner))
-        return Kind(f"one of {', '.join(words)}", lambda v: v if v in inner else _OTHER, words)
+        return _tested(f"one of {', '.join(map(str, inner))}", lambda value: value in inner)
     if origin is None or origin in (type, np.ndarray):
         return _of_class(origin or hint)
     if issubclass(origin, Mapping):
@@ -220,7 +221,7 @@ def _either(choices: list[Kind]) -> Kind:
 
     words = [each.words for each in choices if each.words]
     words = [each for each in words if each != _TEXT or _PATH not in words]
-    return Kind(", or ".join(words), take, sum((each.names for each in choices), ()))
+    return Kind(", or ".join(words), take)
 
 
 def _within(kind: Kind, metadata: tuple[Any, ...]) -> Kind:
@@ -243,12 +244,13 @@ def _within(kind: Kind, metadata: tuple[Any, ...]) -> Kind:
 
 
 def _list(kind: Kind, count: int | None) -> Kind:
-    """Kind of lists and whatever else can be gone through; looked into if that can be repeated."""
+    """Kind of lists, and of whatever else becomes one."""
 
     def take(value: Any) -> Any:
         if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
             return _OTHER
-        taken = [kind.take(each) for each in value] if isinstance(value, Collection) else []
+        value = value if isinstance(value, Collection) else [*value]
+        taken = [kind.take(each) for each in value]
         if any(each is _OTHER for each in taken) or len(taken) != (count or len(taken)):
             return _OTHER
         return value if all(map(operator.is_, taken, value)) else taken
@@ -287,6 +289,8 @@ def _of_class(kind: Any) -> Kind:
     name = getattr(kind, "__name__", "")
     if kind in (Any, object) or isinstance(kind, TypeVar):
         return Kind(_ANYTHING, lambda value: value)
+    if name in ("Array", "ndarray"):
+        return Kind(_ARRAY, _array)
     if name in _PLAIN:
         holds, words = _PLAIN[name]
         truths = bool, np.bool_  # numbers for Python, and none here
@@ -297,13 +301,22 @@ def _of_class(kind: Any) -> Kind:
     def take(value: Any) -> Any:
         if protocol and not isinstance(value, type) and all(hasattr(value, each) for each in able):
             return value
-        classes = _class_names(type(value))
+        classes = _class_names(value.__class__)
         if name in classes:
             return value
         own = (_TAKEN_OF.get((name, given)) for given in classes)
         return next((of(value) for of in own if of), _OTHER)
 
-    return Kind(f"a {name}: {MADE_BY.get(name, f'{name}(...)')}", take)
+    article = "an" if name[:1] in "AEIO" else "a"
+    return Kind(f"{article} {name}: {MADE_BY.get(name, f'{name}(...)')}", take)
+
+
+def _array(value: Any) -> Any:
+    """An array as it is, and one of whatever else holds finite numbers."""
+    if isinstance(value, np.ndarray):
+        return value
+    numbers = _numbers(value)
+    return numbers if np.isfinite(numbers).all() else _OTHER
 
 
 @functools.lru_cache(256)
@@ -314,38 +327,42 @@ def _class_names(of: type) -> frozenset[str]:
 
 def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
     """Say what makes a value of this kind."""
-    classes = _class_names(type(value)) if _PATH in kind.words else ()
+    classes = _class_names(value.__class__) if _PATH in kind.words else ()
     hints = [words for each, words in _WORDS["written_by"].items() if each in classes]
-    return InputError(name, value, kind.words, hint=(*hints, near_word(value, kind.names))[0])
+    return InputError(name, value, kind.words, hint=(*hints, "")[0])
 
 
 def _check_bound(
-    function: str, signature: inspect.Signature, args: tuple[Any, ...], named: dict[str, Any]
+    name: str, function: Any, checks: dict[str, Kind], args: tuple[Any, ...], named: dict[str, Any]
 ) -> None:
     """Name the argument that does not fit, if any.
 
     Raises:
         InputError: If one is missing or unknown; keys of a value are changed in the value.
     """
+    signature = inspect.signature(function)
     try:
         signature.bind(*args, **named)
         return
     except TypeError as error:
         reason = str(error)
     known = [each for each in signature.parameters.values() if each.annotation is not each.empty]
-    for name in named.keys() - {each.name for each in known}:
-        hint = near_word(name, [each.name for each in known])
-        for owner in (each for each in args if name in getattr(type(each), "model_fields", ())):
+    for key in named.keys() - {each.name for each in known}:
+        hint = near_word(key, [each.name for each in known])
+        for owner in (each for each in args if key in getattr(type(each), "model_fields", ())):
             kind = type(owner).__name__.lower()
-            hint = f"{kind}.with_values({name}={named[name]!r}) makes a {kind} with it."
-        allowed = f"arguments of {function}: {', '.join(each.name for each in known)}"
-        raise InputError(name, named[name], allowed, hint=hint)
-    given = (*args[len(signature.parameters) - len(known) :], *named.values())
+            hint = f"{kind}.with_values({key}={named[key]!r}) makes a {kind} with it."
+        allowed = f"arguments of {name}: {', '.join(each.name for each in known)}"
+        raise InputError(key, named[key], allowed, hint=hint)
+    placed = args[len(signature.parameters) - len(known) :]
+    given = (*placed, *named.values())
     written = ("key=..." if each.kind is each.VAR_KEYWORD else each.name for each in known)
-    allowed = f"{function}({', '.join(written)}), {reason}"
-    if function in MADE_BY:
-        allowed = f"what {MADE_BY[function]} makes"
-    raise InputError(function, given[0] if len(given) == 1 else given, allowed)
+    allowed = f"{name}({', '.join(written)})"
+    if name not in MADE_BY and (found := _MISSING.match(reason)):
+        words = checks[found[1]].words if found[1] in checks else describe(found[1])
+        raise InputError(found[1], MISSING, f"{words}; {allowed} takes it")
+    allowed = f"what {MADE_BY[name]} makes" if name in MADE_BY else f"{allowed}, {reason}"
+    raise InputError(name, given[0] if len(given) == 1 else given, allowed)
 
 
 def check_size(name: str, given: Any, size: int, what: str = "", reached: bool = False) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from reprlib import Repr
 from typing import Any
 
-from twosra_mpc.keys import other_unit
+from twosra_mpc.keys import near_word, other_unit
 
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = 300
@@ -47,7 +47,8 @@ class InputError(TwosraError, ValueError):
         allowed: What is allowed, as a phrase that completes "allowed: ...".
         source: File or built-in name the value came from, if any.
         others: Further problems found at the same time.
-        hint: What was probably meant, as a sentence; by default, the number in another unit.
+        hint: What was probably meant, as a sentence; by default, the number in another unit, or the
+            nearest of the words that are allowed ("one of ...").
     """
 
     def __init__(
@@ -61,13 +62,15 @@ class InputError(TwosraError, ValueError):
     ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
         self.source, self.others = source, others
-        self.hint = hint or other_unit(field, value)
+        one_of = allowed.removeprefix("one of ") if isinstance(value, str) else allowed
+        words = one_of.split(", ") if one_of != allowed else ()
+        self.hint = hint or other_unit(field, value) or near_word(value, words)
         lines = [printable(f"{source}: " if source else "") + self._said()]
         more = [f"and {len(others) - _MOST} more"] if len(others) > _MOST else []
         super().__init__("\n".join([*lines, *map(str, others[:_MOST]), *more]))
 
     def _said(self) -> str:
-        name, allowed = printable(self.field), printable(self.allowed)
+        name, allowed = printable(self.field) or "value", printable(self.allowed)
         if isinstance(self.value, Missing):
             return f"{name} is missing: {allowed}"
         shown = printable(_SHORT.repr(self.value).replace("\n", ""), _VALUE)
@@ -113,7 +116,7 @@ class PlanInterrupted(KeyboardInterrupt):
     """Ctrl-C while planning.
 
     Attributes:
-        result: The best plan so far, with its true gap.
+        result: The best plan so far, with its true gap; of ``explain``, the explanation so far.
     """
 
     def __init__(self, result: Any) -> None:

@@ -106,31 +106,33 @@ def read_bytes(path: Path, source: str) -> bytes:
         InputError: If it cannot be read, is longer than ``MOST_SIGNS`` bytes, or is one of the
             outputs (`outputs_are_no_inputs`).
     """
-    if os.path.realpath(path) in _OUTPUTS.get():
-        raise InputError("output", source, "another file than one that is read")
     try:
-        with path.open("rb") as file:  # maybe a device that never ends
+        lost = os.path.realpath(path) in _OUTPUTS.get()
+        with Path(os.devnull if lost else path).open("rb") as file:  # a device may never end
             data = file.read(MOST_SIGNS + 1)
     except (OSError, ValueError) as error:
-        named = not path.exists() and source in built_in_names("scenarios")
+        named = not os.path.exists(path) and source in built_in_names("scenarios")
         hint = f'"twosra plan {source} --out plan.json" writes its plan.' if named else ""
         reason = getattr(error, "strerror", None) or error
         exists = os.path.exists(path)
         allowed = f"a file that can be read ({reason})" if exists else "a file that exists"
         raise InputError("file", source, allowed, hint=hint) from error
+    if lost:
+        raise InputError("output", source, "another file than one that is read")
     if len(data) > MOST_SIGNS:
         raise InputError("file", source, f"at most {MOST_SIGNS} characters")
     return data
 
 
 def text_of(data: bytes, source: str) -> str:
-    """UTF-8 text, with or without a byte order mark; lines may end as anywhere.
+    """UTF-8 text, or UTF-16 that a byte order mark begins; lines may end as anywhere.
 
     Raises:
-        InputError: If it is not UTF-8.
+        InputError: If it is neither.
     """
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
-        return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read()
+        return io.TextIOWrapper(io.BytesIO(data), encoding=encoding).read()
     except ValueError as error:
         raise InputError("file", source, f"UTF-8 text ({error})") from error
 
@@ -176,17 +178,15 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
 
 
 def document_in(text: str, path: Path, source: str) -> dict[str, Any]:
-    """Read the text of a TOML or JSON file into a dictionary.
-
-    A file is JSON by its ending (json, geojson); a pipe, which has none, by its first sign.
+    """Read the text of a TOML or JSON file into a dictionary; JSON begins with a brace.
 
     Raises:
         InputError: If it cannot be parsed; the message carries line and column.
     """
     if path.suffix == ".geojson":
         return json_document(text, source)
-    allowed = "valid TOML, or JSON in a .json file"
-    if path.suffix == ".json" or (is_device(path) and text.lstrip().startswith("{")):
+    allowed = "valid TOML or JSON"
+    if path.suffix == ".json" or text.lstrip().startswith("{"):
         return json_document(text, source, allowed)
     return toml_document(text, source, allowed)
 
@@ -280,11 +280,16 @@ def check_writable(target: str | Path) -> None:
     Raises:
         InputError: If nothing can be written there.
     """
-    if _stream(target):
+    if stream_of(target):
         return
-    real = Path(os.path.realpath(target))  # what a link points to is written
-    if real.is_symlink():
-        raise InputError("output", str(target), "a path whose links do not go round in a circle")
+    try:
+        real = Path(os.path.realpath(target))  # what a link points to is written
+        os.stat(real)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:  # its name is too long, or its links go round
+        reason = getattr(error, "strerror", None) or error
+        raise InputError("output", str(target), f"a path that leads to a file ({reason})") from None
     if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
     special = is_device(target)
@@ -302,7 +307,7 @@ def ending_of(target: str | Path, *allowed: str) -> str:
     ending = Path(target).suffix.lower()
     if ending in allowed:
         return ending
-    if is_device(target) or _stream(target):
+    if is_device(target) or stream_of(target):
         return allowed[0]
     raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
 
@@ -312,7 +317,7 @@ def is_device(target: str | Path) -> bool:
     return os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target)
 
 
-def _stream(target: str | Path) -> str:
+def stream_of(target: str | Path) -> str:
     """Name in ``sys`` of the stream that a path stands for, also by links; empty if none."""
     path = str(target)
     for _ in range(_MOST_LINKS):
@@ -334,7 +339,7 @@ def write_bytes(target: str | Path, data: bytes) -> None:
     check_writable(target)
     real = Path(os.path.realpath(target))
     try:
-        if stream := _stream(target):  # its descriptor may lead elsewhere by now
+        if stream := stream_of(target):  # its descriptor may lead elsewhere by now
             getattr(sys, stream).flush()
             getattr(sys, stream).buffer.write(data)
             getattr(sys, stream).flush()

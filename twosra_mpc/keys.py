@@ -108,8 +108,6 @@ def near_toml(text: str, error: str) -> str:
     lines, place = text.splitlines(), re.search(r"line (\d+)", error)
     number = min(int(place[1]), len(lines)) if place else len(lines)
     line = lines[number - 1] if lines else ""
-    if text.lstrip().startswith("{"):
-        return "JSON is read from a file that ends in .json."
     if re.fullmatch(r"[^=\[\]#,;\t]+([,;\t][^=\[\]#,;\t]+)+", lines[0] if lines else ""):
         return "this looks like a table (CSV)."
     if re.match("Cannot (overwrite|declare)", error):

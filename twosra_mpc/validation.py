@@ -38,10 +38,8 @@ from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
 
 
 def plain(value: object) -> object:
-    """Turn NumPy scalars and arrays into Python numbers and tuples; leave other values alone."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
+    """Turn scalars and arrays of NumPy and its like into numbers and tuples, and nothing else."""
+    if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
         return tuple(plain(item) for item in value)
@@ -324,7 +322,9 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
             if isinstance(given, str) and given.startswith("["):
                 hint = f"did you mean {given}, without quotes?"
-            if isinstance(given, dict):
+            if isinstance(given, dict) and any(
+                given.keys() & k.model_fields for k in _KINDS.values()
+            ):
                 hint = f"did you mean [[{field}]], which may stand several times?"
             if isinstance(given, BaseModel):
                 hint = f"did you mean a list of one, [{type(given).__name__}(...)]?"

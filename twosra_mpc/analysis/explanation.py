@@ -28,7 +28,7 @@ from twosra_mpc.analysis.critical_path import (
 )
 from twosra_mpc.arguments import public
 from twosra_mpc.effort import Ending
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import InputError, PlanInterrupted
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.relaxation import bending_task
@@ -39,7 +39,7 @@ from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model
-from twosra_mpc.validation import Count
+from twosra_mpc.validation import ArrayValue, Count
 
 _ROUNDS = 8  # how often a cheaper alternative becomes the plan that is explained
 _SAME_S = 1e-5  # events closer than this are one
@@ -86,8 +86,8 @@ class TaskCost:
 
 
 @public
-@dataclass(frozen=True, eq=False)
-class Explanation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Explanation(ArrayValue):
     """Reasons for a plan, and its alternatives.
 
     Attributes:
@@ -98,7 +98,7 @@ class Explanation:
         tasks: What each task costs; none of a single goal.
         alternatives: Other plans, as far as they are known.
         orders_left: How many more orders of tasks there are.
-        complete: Whether all alternatives were planned; False after Ctrl-C.
+        complete: Whether all alternatives were planned; Ctrl-C ends that.
     """
 
     result: Result
@@ -133,12 +133,17 @@ class Explanation:
             speed = "" if own is self.result.plan else " at full speed"
             yield (f"instead of {own.cost.total:z.2f} s{speed}", "more", "outcome"), [*options]
 
+    @property
+    def message(self) -> str:
+        """Outcome in words."""
+        return self.result.message if self.complete else "not all alternatives were planned"
+
     def __str__(self) -> str:
         lines = [self.result.message, *(f"  {reason}" for reason in self.why)]
         for header, rows in self.tables:
             lines += [" ".join(header), *("  " + " ".join(filter(None, row)) for row in rows)]
         if not self.complete:
-            lines.append("Interrupted: not all alternatives were planned.")
+            lines.append(f"interrupted: {self.message}")
         return "\n".join(lines)
 
 
@@ -151,8 +156,7 @@ def explain(
 ) -> Explanation:
     """Explain a plan of the optimal planner by planning what would have been otherwise.
 
-    Every other plan may take the problem's ``work_limit``. Ctrl-C ends the planning, and what is
-    known so far is returned.
+    Every other plan may take the problem's ``work_limit``.
 
     Args:
         subject: A result of planning, or a problem that is planned first.
@@ -162,6 +166,7 @@ def explain(
     Raises:
         InputError: If the problem asks for the greedy planner, which weighs nothing, or if the
             locomotion units would overlap at the start or at the goal.
+        PlanInterrupted: At Ctrl-C: its ``result`` is the explanation so far.
     """
     problem = subject.problem if isinstance(subject, Result) else subject
     if problem.planner != "optimal":
@@ -186,7 +191,7 @@ def explain(
             break
         result = better
     made = result.plan
-    return Explanation(
+    found = Explanation(
         result=result,
         why=() if made is None else tuple(_why(made)),
         critical_path=() if made is None else critical_path(made),
@@ -196,6 +201,9 @@ def explain(
         orders_left=left,
         complete=complete,
     )
+    if not complete:
+        raise PlanInterrupted(found)
+    return found
 
 
 def _collect(alternatives: Iterator[Alternative], known: list[Alternative]) -> bool:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc.cli.options import FILE, command
+from twosra_mpc.cli.options import NewFile, command
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import (
     built_in_names,
-    check_writable,
     data_file,
+    is_device,
     locate,
     read_text,
     write_text,
@@ -78,19 +79,25 @@ def _built_in(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[
     return [CompletionItem(name) for name in names if name.startswith(begun)]
 
 
-def _named(_ctx: click.Context, _param: click.Parameter, target: Path) -> Path:
-    """Refuse a name that is none, or of another kind of file."""
-    if not target.name.strip(".") or target.suffix in (".json", ".yaml", ".yml", ".txt"):
-        raise InputError("NAME", str(target), "a name with or without .toml")
-    return target
+class _New(NewFile):
+    """A TOML file to write, named with or without its ending."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Turn a name into a path; "-" is standard output."""
+        path = Path(value)
+        if value == "-" or is_device(path) or path.suffix == ".toml":
+            return super().convert(value, param, ctx)
+        if not path.name.strip(".") or path.suffix in (".json", ".yaml", ".yml", ".txt"):
+            raise InputError("NAME", value, "a name with or without .toml")
+        return super().convert(f"{value}.toml", param, ctx)
 
 
 @command("new")
 @click.argument("kind", type=click.Choice(get_args(Kind)))
-@click.argument("target", metavar="NAME", type=FILE, callback=_named)
+@click.argument("path", metavar="NAME", type=_New())
 @click.option("--from", "source", metavar="BUILT_IN", help="Copy it.", shell_complete=_built_in)
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
-def new_command(kind: Kind, target: Path, source: str | None, force: bool, output: Output) -> None:
+def new_command(kind: Kind, path: Path, source: str | None, force: bool, output: Output) -> None:
     """Write a scenario, a robot or a batch to start from: NAME, with or without .toml.
 
     A new scenario shows every key, the optional ones as comments; with --from it is a copy of a
@@ -108,10 +115,8 @@ def new_command(kind: Kind, target: Path, source: str | None, force: bool, outpu
     Many problems at once:
       twosra new batch many
     """
-    path = target if target.suffix == ".toml" else target.with_name(f"{target.name}.toml")
     text = _text(kind, source, path.stem)
-    check_writable(path)
-    if path.exists() and not force:
+    if os.path.isfile(path) and not force:
         raise InputError("NAME", str(path), "the name of a new file, or --force to replace this")
     write_text(path, text)
     following = _following(kind, path, source)

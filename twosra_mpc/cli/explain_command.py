@@ -11,6 +11,7 @@ from twosra_mpc.analysis.critical_path import Activity
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import SCENARIO, Load, command, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.plans.plan import Status
 
 
@@ -36,10 +37,13 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     """
     problem = load(scenario)
     with output.progress("planning") as tell:
-        found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+        try:
+            found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+        except PlanInterrupted as interrupted:
+            found = interrupted.result
     output.report(lambda: _explanation(found), lambda: _print_explanation(found))
     if not found.complete:
-        click.echo("twosra: interrupted before all alternatives were planned", err=True)
+        click.echo(f"twosra: interrupted: {found.message}", err=True)
     if found.result.status is Status.INFEASIBLE:
         return EXIT_INFEASIBLE
     return EXIT_PLANNED if found.result.found and found.complete else EXIT_NO_PLAN

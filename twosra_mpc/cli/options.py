@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -18,8 +19,8 @@ from twosra_mpc.files import (
     built_in_names,
     check_writable,
     ending_of,
-    is_device,
     outputs_are_no_inputs,
+    stream_of,
 )
 from twosra_mpc.installation import install_command
 from twosra_mpc.problem.problem import Problem, load_problem
@@ -104,6 +105,7 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
 def command(name: str) -> Callable[[Function], click.Command]:
     """Make a function a command; as ``output`` it is given what ``--json``, ``--quiet`` chose.
 
+    A file that is written to standard output is alone there.
     Its help is what the function says of itself, with how to install an extra for the extra's name
     in braces.
     """
@@ -112,8 +114,10 @@ def command(name: str) -> Callable[[Function], click.Command]:
         @functools.wraps(function)
         def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
             outputs = click.get_current_context().meta.get("outputs", ())
+            free = "stdout" not in map(stream_of, outputs)
+            chosen = Output(as_json=as_json and free, quiet=quiet or not free)
             with outputs_are_no_inputs(outputs):
-                return function(output=Output(as_json=as_json, quiet=quiet), **given)
+                return function(output=chosen, **given)
 
         words = _EXTRA.sub(lambda found: install_command(found[1]), function.__doc__ or "")
         made = click.command(name, help=words)(run)
@@ -181,10 +185,10 @@ class NewFile(click.Path):
         value = "/dev/stdout" if value == "-" else value
         target = super().convert(value, param, ctx)
         assert isinstance(target, Path)  # as asked for above
-        taken = click.get_current_context().meta.setdefault("outputs", set())
-        if (real := target.resolve()) in taken and not is_device(target):
+        taken = click.get_current_context().meta.setdefault("outputs", [])
+        if target.resolve() in map(Path.resolve, taken) and str(target) != os.devnull:
             raise InputError("output", str(target), "another file for each thing that is written")
-        taken.add(real)
+        taken.append(target)
         for check in self._checks:
             check(target)
         return target

@@ -159,7 +159,9 @@ class Belief:
 
     @property
     def where(self) -> str:
-        """Distance to the goal in words."""
+        """Distance to the goal in words; of a mission without one, that it is not over."""
+        if self.problem.ends_anywhere:
+            return "before all tasks are done"
         return self.accuracy.describe(self.error)
 
     @property

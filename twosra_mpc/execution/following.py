@@ -116,7 +116,7 @@ class Following:
             if not belief.sure(belief.accuracy.scale(self.problem.robot.coordinates)):
                 return self.verdict(*belief.ending_unseen(left=False))
             if np.isnan(belief.goal.configuration).all():  # a mission without a goal
-                return self.verdict(Ending.REACHED, f"all {len(self.problem.tasks)} tasks are done")
+                return self.verdict(Ending.REACHED, "all tasks are done")
             return self.verdict(Ending.REACHED, f"the goal is reached: {belief.where}")
         missing = f"; {len(left)} of {len(self.problem.tasks)} tasks left" if left else ""
         belief.tell("look", f"the plan is at its end, {belief.where}{missing}")

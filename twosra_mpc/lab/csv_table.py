@@ -67,6 +67,9 @@ def read_csv(
 ) -> CsvTable:
     """Read a CSV file that has these columns.
 
+    Cells are parted by whichever of comma, semicolon and tab the heading has most of; where that is
+    no comma, numbers may have a decimal comma.
+
     Args:
         path: The file.
         columns: Names of columns that must be there, each once.
@@ -78,7 +81,11 @@ def read_csv(
     """
     source = str(path)
     with reading(source, what):
-        names, *rows = [*csv.reader(read_text(Path(path), source).splitlines())] or [[]]
+        lines = read_text(Path(path), source).splitlines()
+        mark = max(",;\t", key=(lines or [""])[0].count)
+        names, *rows = [*csv.reader(lines, delimiter=mark)] or [[]]
+    if mark != ",":
+        rows = [[cell.replace(",", ".") for cell in row] for row in rows]
     table = CsvTable(
         source, [name.strip() for name in names], [row for row in rows if any(map(str.strip, row))]
     )

@@ -53,6 +53,12 @@ class ModelFunction(ca.Function):
                     check_size(name, given, size, "mode" if name == "sigma" else "")
             return super().__call__(*args)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ModelFunction) and self.serialize() == other.serialize()
+
+    def __hash__(self) -> int:
+        return hash(self.serialize())
+
 
 @public
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -16,7 +16,7 @@ from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.validation import TwoOrMore
+from twosra_mpc.validation import ArrayValue, TwoOrMore
 
 FEW_POINTS = 7  # along a segment
 
@@ -24,7 +24,8 @@ _CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
 
 
 @public
-class RobotShape(NamedTuple):
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotShape(ArrayValue):
     """The robot in the plane [m, rad]; leading axes are those of the configurations.
 
     Attributes:

@@ -52,8 +52,8 @@ class Cost(NamedTuple):
     effort_s: float | None = None
 
 
-@dataclass(frozen=True)
-class Verification:
+@dataclass(frozen=True, eq=False)
+class Verification(ArrayValue):
     """Findings of the independent re-integration and checking of a plan.
 
     Attributes:

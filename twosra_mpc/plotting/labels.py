@@ -36,9 +36,9 @@ def label(ax: Axes, words: str, at: ArrayLike, shift_pt: ArrayLike = (0, 0), **s
 def settle(ax: Axes) -> None:
     """Move labels by as little as keeps them off all other words of their axes."""
     words = [each for each in ax.texts if each.get_text() and ax.bbox.contains(*_anchor(ax, each))]
-    taken = [each.get_window_extent() for each in words if not isinstance(each, Label)]
+    taken = [_extent(each) for each in words if not isinstance(each, Label)]
     for each in (each for each in words if isinstance(each, Label)):
-        box = each.get_window_extent()
+        box = _extent(each)
         ways = (_STEPS * box.height).tolist()
         away = next((way for way in ways if _is_free(box.translated(*way), taken)), (0.0, 0.0))
         shift_pt = np.asarray(away) * 72 / ax.figure.dpi
@@ -60,6 +60,11 @@ def _anchor(ax: Axes, words: Text) -> tuple[float, float]:
     frame = ax.transData if isinstance(words, Annotation) else words.get_transform()
     x, y = frame.transform(at).tolist()
     return x, y
+
+
+def _extent(words: Text) -> Bbox:
+    """Room that words take in the picture [pixels], with the frame around them."""
+    return (words.get_bbox_patch() or words).get_window_extent()
 
 
 def _is_free(box: Bbox, taken: Sequence[Bbox]) -> bool:

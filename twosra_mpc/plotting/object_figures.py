@@ -202,11 +202,14 @@ def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stretch]) -> 
 
 def legend_entries(problem: Problem) -> dict[str, Any]:
     """Legend of objects and goals on the way; empty where there are none."""
-    entries: dict[str, Any] = {}
-    if problem.objects:
-        entries["object"] = Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)
+    entries = resting_entries(problem)
     if carries(problem.tasks):
         entries["carried to"] = Patch(fill=False, ec=edge_of(0), ls="--", lw=1.2)
     if any(task.ends_in is not None for task in problem.tasks):
         entries["goal to reach"] = plane.DASHED
     return entries
+
+
+def resting_entries(problem: Problem) -> dict[str, Any]:
+    """Legend of objects that are drawn where they rest."""
+    return {"object": Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)} if problem.objects else {}

@@ -142,7 +142,8 @@ def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
     left, bottom = (middle - half).tolist()
     ax.plot([left, left + 0.05], [bottom] * 2, c="0.2", lw=2.0, solid_capstyle="butt", zorder=9)
     words: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7}
-    ax.annotate("50 mm", (left + 0.025, bottom), (0, 2), color="0.2", zorder=9, **words)
+    words |= {"color": "0.2", "zorder": 8.9, "bbox": figures.BEHIND_WORDS}
+    ax.annotate("50 mm", (left + 0.025, bottom), (0, 3), **words)
 
 
 def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:

@@ -20,8 +20,9 @@ from twosra_mpc.arguments import public
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.trajectory import Interval, Phase
-from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
+from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -90,8 +91,13 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     axes[0].set(xlabel="x [m]", ylabel="y [m]")
     for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
         _draw_drive(ax, run, record, number, drive)
-    wheels = robot_shape(geometry, record.q[::20], 2).wheels
-    world_figures.show_world(axes, run.problem, wheels, 6.0)
+    extent_m = robot_shape(geometry, record.q[::20], 2).wheels.reshape(-1, 2)
+    if run.plans:
+        planned = run.plans[0].trajectory
+        first = object_poses(planned, np.zeros(1), planned.samples.q[:1])[0]
+        object_figures.draw_objects(axes[0], run.problem, first, alpha=figures.FAINT)
+        extent_m = np.concatenate([extent_m, object_figures.seen_m(planned)])
+    world_figures.show_world(axes, run.problem, extent_m, 6.0)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
         "end": plane.ROBOT,
@@ -102,6 +108,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
         "of unit 2": plane.line(figures.UNIT_COLOURS[1]),
         "of the middle link": plane.line(figures.MIDDLE_COLOUR),
     }
+    entries |= object_figures.resting_entries(run.problem)
     entries |= world_figures.legend_entries(run.problem, None)
     plane.legend_below(figure, entries, 8)
 
@@ -123,7 +130,8 @@ def _draw_drive(ax: Axes, run: Run, record: Record, number: int, drive: Phase) -
         plane.draw_outline(ax, geometry, planned[-1])
     _draw_paths(ax, run, record, drive.start_s, drive.end_s)
     took = drive.end_s - drive.start_s
-    ax.set_title(f"{number}: {mode_name(drive.mode)} at {drive.start_s:z.0f} s, {took:z.1f} s")
+    title = f"{number}: {mode_name(drive.mode)} at {drive.start_s:z.0f} s, {took:z.1f} s"
+    ax.set_title(title, fontsize=9)
 
 
 def _planned(run: Run, start_s: float, end_s: float) -> Array:
@@ -157,17 +165,19 @@ def run_stretch(run: Run) -> timeline_figures.TimeStretch:
 
 
 def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
-    heights = (0.5 * run.problem.robot.coordinates.segments, 1.0, 1.0, 0.9, 1.0)
-    axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
+    asked = not run.problem.ends_anywhere
+    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0, *[1.0] * asked]
+    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     stretch, drives = run_stretch(run), joined_drives(run)
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
     stretch.apply(axes[-1]).set_xlabel(note)
     _draw_states(axes[0], run)
     timeline_figures.name_phases(axes[0], drives, stretch, "{number}: {mode}")
     _draw_curvatures(axes[1], run, record)
-    _draw_distances(axes[2], run, record)
-    timeline_figures.wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s, "steps-post")
-    _draw_temperatures(axes[4], run, record)
+    timeline_figures.wheel_speeds(axes[2], run.log.time_s, run.log.wheel_rad_s, "steps-post")
+    _draw_temperatures(axes[3], run, record)
+    if asked:
+        _draw_distances(axes[4], run, record)
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):

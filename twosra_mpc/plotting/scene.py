@@ -27,6 +27,7 @@ from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, 
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
 from twosra_mpc.plotting.world_figures import draw_nearest, draw_world, shown_m
+from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100
@@ -206,6 +207,8 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries["paths: units, link"] = tuple(line(colour, 1.3) for colour in trails)
     if playback.goals:
         entries["goal"] = DASHED
+    if carries(problem.tasks):
+        entries["carried to"] = DASHED
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure

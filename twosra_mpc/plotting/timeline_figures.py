@@ -43,7 +43,6 @@ COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
 }
 STAGE_LINE: dict[str, Any] = {"color": STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
 SIZE_PT, LEAST_PT = 8.5, 5.0  # of words above a time axis
-PHASE_WORDS = 0.075  # width that those of a phase take there
 LEVEL = 0.28  # height of the words of a stage, of that of a curve
 LETTER = 0.0095  # width of a letter on the time axis
 MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
@@ -166,13 +165,17 @@ def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: s
 
     Where phases are many, the words are small.
     """
+    told = [
+        text.format(number=number, mode=mode_name(phase.mode), took=phase_duration(phase))
+        for number, phase in enumerate(phases, start=1)
+    ]
+    longest = max((len(line) for words in told for line in words.split("\n")), default=0)
     middles = [float(stretch.forward(np.array(phase[1:])).mean()) for phase in phases]
-    least = min(np.diff(middles), default=1.0)
-    size = SIZE_PT * min(1.0, max(least / PHASE_WORDS, LEAST_PT / SIZE_PT))
+    share = min(np.diff(middles), default=1.0) / (LETTER * longest or 1.0)
+    size = SIZE_PT * min(1.0, max(share, LEAST_PT / SIZE_PT))
     style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": size}
-    for number, (phase, middle) in enumerate(zip(phases, middles, strict=True), start=1):
-        told = text.format(number=number, mode=mode_name(phase.mode), took=phase_duration(phase))
-        ax.text(middle, 1.0, told, transform=ax.transAxes, **style)
+    for words, middle in zip(told, middles, strict=True):
+        ax.text(middle, 1.0, words, transform=ax.transAxes, **style)
     return ax
 
 

@@ -28,11 +28,20 @@ _THIN_M = 1e-3  # nothing to drive round is as small: another unit
 _TURN_DEG = 360.0
 _REMOTE = 100.0  # times its size from the origin is a map of the Earth, not of a room
 _KINDS = "Polygon, MultiPolygon, GeometryCollection, Feature or FeatureCollection"
-_EPSG = re.compile(r"EPSG\b.*?(\d{4,5})\]?$", re.IGNORECASE)  # the code, however it is named
-_UNITS = {  # what names say, and codes of EPSG: state planes; geographic; Mercator and UTM
-    "feet": (r"\b(us.?)?(ft(us)?|feet|foot)\b", "2222-2289 2867-2930 4399-4433 26729-26870"),
-    "degrees": (r"CRS:?(84|83|27)\b|WGS.?84$", "4000-4999"),
-    "metres": ("^$", "3857-3857 25800-25999 32600-32799"),
+_CODE = re.compile(r"(?:(?:EPSG|ESRI)\b.*?|^\D{0,9})\b(\d{4,6})\b", re.IGNORECASE)
+_UNIT = re.compile(  # in WKT, in PROJJSON, in a string of PROJ
+    r"""UNIT\["([^"]+)|'unit': (?:\{[^}]*'name': )?'([^']+)|\+units=([\w-]+)""", re.IGNORECASE
+)
+_UNITS = {  # what names say; codes of state planes; of geographic frames; of Mercator and UTM
+    "feet": (
+        r"(\b|_)(us.?)?(ft(us)?|feet|foot)(\b|_)",
+        "2222-2289 2867-2930 3417-3438 4399-4433 26729-26870 102629-102766",
+    ),
+    "degrees": (
+        r"CRS:?(84|83|27)h?\b|^(WGS.?84|NAD.?(27|83)|ETRS.?89)$|lon.?lat|lat.?lon|degree",
+        "4000-4999",
+    ),
+    "metres": (r"^m$|^met(re|er)$|(\b|_)UTM(\b|_)", "3857-3857 25800-25999 32600-32799"),
 }
 _PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
@@ -144,7 +153,9 @@ def _doubts_about_frame(frame: Any) -> Iterator[str]:
             raise InputError("crs", str(frame), f"{_PROJECT}, not {', '.join(sorted(units))}")
         return
     properties = frame.get("properties") if isinstance(frame, Mapping) else None
-    named = properties.get("name", properties) if isinstance(properties, Mapping) else frame
+    named = frame
+    if isinstance(properties, Mapping):
+        named = properties.get("name", properties.get("code", properties))
     unit = _unit_of(str(named))
     if unit not in ("", "metres"):
         raise InputError("crs", str(named), f"{_PROJECT}; these are {unit}")
@@ -153,13 +164,18 @@ def _doubts_about_frame(frame: Any) -> Iterator[str]:
 
 
 def _unit_of(frame: str) -> str:
-    """Unit of a coordinate reference system by its name; nothing if that is not known here."""
-    code = int(found[1]) if (found := _EPSG.search(frame)) else 0
+    """Unit of a coordinate reference system; nothing if that is not known here.
+
+    The last unit that a description has is the one of its own axes, after those of its parts.
+    """
+    own = "".join(("", *_UNIT.findall(frame))[-1])
+    frame = own or frame
+    code = int(found[1]) if (found := _CODE.search(frame)) else 0
     for unit, (words, codes) in _UNITS.items():
         ends = (map(int, each.split("-")) for each in codes.split())
         if re.search(words, frame, re.IGNORECASE) or any(a <= code <= b for a, b in ends):
             return unit
-    return ""
+    return own
 
 
 def _doubts_about_lengths(bounds: Sequence[tuple[float, float, float, float]]) -> Iterator[str]:

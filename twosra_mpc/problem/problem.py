@@ -6,6 +6,7 @@ Keys are those of the scenario file; a coordinate left out of the goal is free.
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
@@ -592,7 +593,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     document |= overrides
     for key in ("robot", "obstacles"):
         given = document.get(key)
-        if isinstance(given, str) and (path.parent / given).is_file():
+        if isinstance(given, str) and os.path.isfile(path.parent / given):
             document[key] = path.parent / given
     with reading(str(source), "scenario"):
         problem = Problem.parse(document, str(source))

@@ -202,9 +202,9 @@ def check_polygon(corners: Array) -> None:
             f"at most {MOST_CORNERS:,} corners: simplify the outline, for example by shapely's"
             " simplify(0.001), which moves it by no more than a millimetre"
         )
-        raise InputError("polygon_m", len(corners), allowed)
+        raise InputError("polygon_m", f"{len(corners)} corners", allowed)
     if len(corners) < 3:
-        raise InputError("polygon_m", len(corners), "at least three corners")
+        raise InputError("polygon_m", f"{len(corners)} corners", "at least three corners")
     if np.linalg.matrix_rank(corners - corners[0], tol=_FLAT_M) < 2:
         raise InputError("polygon_m", corners.tolist(), "corners that do not lie on one line")
     again = np.flatnonzero((corners == np.roll(corners, 1, axis=0)).all(axis=1))

@@ -61,7 +61,7 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
     kept = [True, *new]
     shapes = robot_shape(playback.geometry, q[kept], ARC_POINTS)
-    robots = [pose(RobotShape(*parts)) for parts in zip(*shapes, strict=True)]
+    robots = [pose(RobotShape(*parts)) for parts in zip(*vars(shapes).values(), strict=True)]
     if playback.problem.objects:
         placed = zip(robots, q[kept], playback.objects[kept], strict=True)
         robots = [each | objects_at(playback, at, poses) for each, at, poses in placed]

@@ -8,7 +8,6 @@ from typing import Any
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import data_file
-from twosra_mpc.keys import near_word
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
@@ -28,8 +27,7 @@ def with_path_model(robot: Robot, model: str) -> Robot:
         InputError: If there is no such path model, or no fit to these lengths.
     """
     if model not in PATH_MODELS:
-        allowed = f"one of {', '.join(PATH_MODELS)}"
-        raise InputError("path.model", model, allowed, hint=near_word(model, PATH_MODELS))
+        raise InputError("path.model", model, f"one of {', '.join(PATH_MODELS)}")
     if model == robot.path.model:
         return robot
     if model == "arc":

@@ -14,7 +14,6 @@ from typing import Annotated, Any
 from twosra_mpc.arguments import Range, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
-from twosra_mpc.keys import near_word
 from twosra_mpc.validation import Count, NonNegative, Share
 
 
@@ -111,6 +110,5 @@ def disturbance_level(name: str) -> Disturbance:
         InputError: If there is no such level.
     """
     if name not in LEVELS:
-        allowed = f"one of {', '.join(LEVELS)}"
-        raise InputError("disturbance", name, allowed, hint=near_word(name, LEVELS))
+        raise InputError("disturbance", name, f"one of {', '.join(LEVELS)}")
     return LEVELS[name]

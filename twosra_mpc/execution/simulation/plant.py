@@ -21,7 +21,6 @@ from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
 from twosra_mpc.execution.simulation.motion import Motion, PathMotion, PhysicsMotion
-from twosra_mpc.keys import near_word
 from twosra_mpc.physics.engine import Engine
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.result import Result
@@ -85,8 +84,7 @@ def plant_robot(robot: Robot, plant: str) -> Robot:
         InputError: If there is no such plant.
     """
     if plant not in PLANTS:
-        allowed = f"one of {', '.join(ALL_PLANTS)}"
-        raise InputError("plant", plant, allowed, hint=near_word(plant, ALL_PLANTS))
+        raise InputError("plant", plant, f"one of {', '.join(ALL_PLANTS)}")
     return robot if plant == AS_PLANNED else with_path_model(robot, plant)
 
 

@@ -23,6 +23,7 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.validation import ArrayValue
 
 LONGEST_HORIZON = 200
 HIGHEST_RATE_HZ = 1000.0
@@ -38,8 +39,8 @@ class CommandStatus(Word):
 
 
 @public
-@dataclass(frozen=True, eq=False, slots=True)
-class Measurement:
+@dataclass(frozen=True, eq=False, repr=False, slots=True)
+class Measurement(ArrayValue):
     """Measurement of where the robot is, and which part of the plan it should be following.
 
     Attributes:
@@ -63,8 +64,8 @@ class Measurement:
         object.__setattr__(self, "time_s", float(self.time_s))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Command:
+@dataclass(frozen=True, eq=False, repr=False, slots=True)
+class Command(ArrayValue):
     """What to send to the robot until the next step; arrays are read-only.
 
     Attributes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,7 @@ class Folder:
         Raises:
             InputError: If it cannot be written, or somebody else took pieces away.
         """
-        if not (self.path / RUNS).is_file():
+        if not os.path.isfile(self.path / RUNS):
             whole = read_runs(self.path)
             if len(whole) < len(self._problems):
                 allowed = f"all {len(self._problems)} problems: does another batch run here?"
@@ -93,7 +94,7 @@ class Folder:
         spec = problems.spec.model_dump(mode="json", by_alias=True, exclude_none=True)
         about = {"format": FORMAT, "package": __version__, **spec, "files": problems.files}
         now: dict[str, Any] = json.loads(json.dumps(about, default=str))
-        if not path.is_file():
+        if not os.path.isfile(path):
             if any(not one.name.startswith(".") for one in self.path.iterdir()):
                 raise InputError("--out", str(self.path), "a new folder, or one of this batch")
             write_json(path, now)

@@ -5,6 +5,7 @@ pandas is the frame: most laboratories have it, and it writes Parquet with the f
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +58,7 @@ def read_runs(path: str | Path) -> pd.DataFrame:
     require("a batch", "batch", *BATCH)
     import pandas as pd
 
-    paths = table_paths(Path(path)) if Path(path).is_dir() else [Path(path)]
+    paths = table_paths(Path(path)) if os.path.isdir(path) else [Path(path)]
     if not paths:
         allowed = "a folder of twosra batch with a finished problem in it"
         raise InputError("runs", str(path), allowed)

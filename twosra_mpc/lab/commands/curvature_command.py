@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ def estimate_curvature_command(
     """
     if references and len(references) != len(folders):
         raise InputError("reference", len(references), f"one for each of {len(folders)} folders")
-    if figures is not None and not figures.is_dir():
+    if figures is not None and not os.path.isdir(figures):
         raise InputError("figures", str(figures), "a folder that exists")
     camera = Camera(
         scale_m=scale_m, length_m=length_m, towards_px=pixel(towards), threshold=threshold

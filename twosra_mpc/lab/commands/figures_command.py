@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -27,7 +28,7 @@ def figures_command(folder: Path, ending: str, output: Output) -> None:
     """
     from twosra_mpc.lab.figures.paper_figures import PAPER_FIGURES  # matplotlib takes a second
 
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         check_writable(folder)
         folder.mkdir()
     targets = {name: folder / f"{name}.{ending}" for name in PAPER_FIGURES}

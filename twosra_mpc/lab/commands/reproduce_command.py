@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -99,8 +100,8 @@ def located(data: Path) -> dict[str, Path | None]:
     found: dict[str, Path | None] = {}
     for option, (own, repository, part) in _PLACES.items():
         clones = (data, data / f"2sr-agent-{repository}")
-        cloned = next((clone for clone in clones if (clone / part).exists()), None)
-        found[option] = data / own if (data / own).exists() else cloned
+        cloned = next((clone for clone in clones if os.path.exists(clone / part)), None)
+        found[option] = data / own if os.path.exists(data / own) else cloned
     if not any(found.values()):
         allowed = f"a folder with hardware/ or curvature/ in it, or clones of {_AUTHORS}"
         raise InputError("data", str(data), allowed)

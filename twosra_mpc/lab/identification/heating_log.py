@@ -25,6 +25,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import ArrayValue
 
 Flags = NDArray[np.bool_]
 Mode = Literal["heating", "hold", "cooling"]
@@ -50,8 +51,8 @@ _FASTEST_K_PER_S = 1.0
 
 
 @public
-@dataclass(frozen=True, eq=False)
-class HeatingLog:
+@dataclass(frozen=True, eq=False, repr=False)
+class HeatingLog(ArrayValue):
     """A checked log; arrays (n,), read-only.
 
     Attributes:

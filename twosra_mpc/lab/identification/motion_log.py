@@ -29,6 +29,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
+from twosra_mpc.validation import ArrayValue
 
 LEAST_ROWS = 3
 LONGEST_STEP_S = 30.0  # a longer one ends a phase: the robot waits for its metal
@@ -39,8 +40,8 @@ _NAMED = re.compile(r"s(\d)_v(\d)_(-?\d+(?:\.\d+)?)$")  # segment, wheel and its
 _SMOOTHED = 9  # rows, about half a second: headings of a unit jump by 0.2 rad from frame to frame
 
 
-@dataclass(frozen=True, eq=False)
-class MotionLog:
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionLog(ArrayValue):
     """A checked log of n rows; arrays read-only.
 
     Attributes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def folders_in(photographs: Path) -> list[tuple[Path, Path]]:
         InputError: If there is none, or one has no references.
     """
     cloned = photographs / "ExpData" / "TempPhotos"
-    place = cloned if cloned.is_dir() else photographs
+    place = cloned if os.path.isdir(cloned) else photographs
     folders = sorted(path for path in place.glob("*") if path.is_dir())
     if not folders:
         allowed = "a folder with folders of photographs in it, e.g. negative and positive"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def read_simulations(path: Path) -> dict[str, Array]:
         InputError: If the file cannot be read, a column is missing or given twice, or a cell is no
             finite number.
     """
-    if path.is_dir():
+    if os.path.isdir(path):
         cases = [_table(each, _CLONED_COLUMNS) for each in sorted(path.glob(_CLONED))]
         if not cases:
             raise InputError("simulations", str(path), f"a file, or a folder with {_CLONED}")

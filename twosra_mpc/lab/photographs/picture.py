@@ -5,6 +5,8 @@ Places in a photograph are in pixels (x right, y down, the middle of the first p
 
 from __future__ import annotations
 
+import io
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, UnidentifiedImageError
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import reading
+from twosra_mpc.files import read_bytes, reading
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, Value
 
@@ -38,11 +40,16 @@ def open_image(path: Path) -> Iterator[Image.Image]:
     """Open an image (of Pillow) for a block.
 
     Raises:
-        Exception: Of many kinds, if it is none; also if it is so large that Pillow warns of it.
+        InputError: If it cannot be read, or is none.
+        Exception: Of many kinds, if it is spoilt, or so large that Pillow warns of it.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
-        with Image.open(path) as image:
+        try:
+            image = Image.open(io.BytesIO(read_bytes(path, str(path))))
+        except UnidentifiedImageError:
+            raise InputError("file", str(path), "an image file, as PNG, PGM or JPEG") from None
+        with image:
             yield image
 
 
@@ -86,7 +93,7 @@ def pictures_in(folder: str | Path) -> list[Path]:
         InputError: If it is no folder, or there is no picture in it.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError("folder", str(folder), "a folder of photographs")
     found = [path for path in folder.iterdir() if path.suffix.lower() in ENDINGS]
     if not found:

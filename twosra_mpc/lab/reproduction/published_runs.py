@@ -40,7 +40,7 @@ from twosra_mpc.lab.reproduction.published_model import (
     inverse_kinematics,
 )
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
-from twosra_mpc.validation import Count, Positive
+from twosra_mpc.validation import ArrayValue, Count, Positive
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -65,8 +65,8 @@ class StopReason(enum.Enum):
     )
 
 
-@dataclass(frozen=True, eq=False)
-class PublishedTrajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class PublishedTrajectory(ArrayValue):
     """The recorded rows of one run; row 0 is the start with mode (0, 0). Arrays are read-only.
 
     As published, only steps longer than 1e-5 (unweighted norm of m, rad and 1/m) are recorded.

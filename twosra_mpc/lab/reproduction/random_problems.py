@@ -20,6 +20,7 @@ from twosra_mpc.lab.reproduction.published_model import SEGMENT_M, published_jac
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.validation import ArrayValue
 
 STEP_S, STEPS = 0.05, 200  # of forward kinematics
 MOST_PER_M = 1.5 * math.pi / SEGMENT_M  # it ends before a curvature beyond
@@ -29,8 +30,8 @@ TIMES = 101  # normalised times 0, 0.01 ... 1
 Kind = Literal["single-mode", "generic"]
 
 
-@dataclass(frozen=True, eq=False)
-class RandomRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class RandomRun(ArrayValue):
     """The published loop on a random problem.
 
     Attributes:

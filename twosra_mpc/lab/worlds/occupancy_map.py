@@ -23,13 +23,13 @@ from twosra_mpc.lab.photographs.picture import open_image
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array, rotation
-from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
+from twosra_mpc.validation import ArrayValue, Metres, NonNegative, Number, Positive, Value, plain
 
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
 _OPAQUE, _DIGITS = 255, 5  # of a pixel; thresholds that are a level but for rounding are it
-_TURN_RAD = math.tau
+_TURN_RAD, _ROUGH_M = math.tau, 0.5  # no map of a robot that is turned more, or has larger cells
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
@@ -38,15 +38,15 @@ _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pill
 class _MapFile(Value):
     image: str
     resolution: Positive
-    origin: tuple[Number, Number, Number]
+    origin: tuple[Metres, Metres, Number]
     negate: Literal[0, 1] = 0
     occupied_thresh: NonNegative = 0.65
     free_thresh: NonNegative = 0.25
     mode: Literal["trinary"] = "trinary"
 
 
-@dataclass(frozen=True, eq=False)
-class OccupancyMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class OccupancyMap(ArrayValue):
     """Cells in the plane.
 
     Attributes:
@@ -101,6 +101,8 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if not said.free_thresh <= said.occupied_thresh <= 1:
         allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, source)
+    if said.resolution > _ROUGH_M:
+        doubts.append(f"each cell is {said.resolution:zg} m wide (are these centimetres?)")
     if abs(yaw := said.origin[2]) > _TURN_RAD:
         doubts.append(f"origin turns the map by {yaw:zg} rad, more than once (are these degrees?)")
     folder = Path() if is_device(path) else path.parent  # a pipe's map is one of where it is read
@@ -263,8 +265,8 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
             }
             pixels = np.asarray(image.convert("RGBA"))
             return pixels, [words for words, true in doubts.items() if true]
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError("image", str(path), error.allowed, source) from None
     except Exception as error:  # a spoilt image fails in many ways
         raise InputError("image", str(path), f"an image file ({error})", source) from None
 
@@ -279,7 +281,7 @@ def _document(text: str, source: str) -> dict[str, Any]:
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
             keys = [self.construct_object(key, deep=True) for key, _ in node.value]
             if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
-                raise InputError(str(twice[0]), "twice", "each key once", source)
+                raise InputError("keys", f"{twice[0]} twice", "each key once", source)
             return super().construct_mapping(node, deep)
 
     number = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$")  # 1e-05, as YAML 1.2 has it
