@@ -10,7 +10,6 @@ import os
 import stat
 import sys
 import tomllib
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -150,26 +149,6 @@ def reading(
         raise InputError(what, source, f"{allowed} ({found})", source) from error
 
 
-@contextmanager
-def open_image(path: Path) -> Iterator[Any]:
-    """Open an image (of Pillow) for a block.
-
-    Raises:
-        InputError: If it cannot be read, or is none.
-        Exception: Of many kinds, if it is spoilt, or so large that Pillow warns of it.
-    """
-    from PIL import Image, UnidentifiedImageError
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", Image.DecompressionBombWarning)
-        try:
-            image = Image.open(io.BytesIO(read_bytes(path, str(path))))
-        except UnidentifiedImageError:
-            raise InputError("file", str(path), "an image file, as PNG, PGM or JPEG") from None
-        with image:
-            yield image
-
-
 def read_document(path: Path, source: str) -> dict[str, Any]:
     """Read a TOML or JSON file into a dictionary.
 
@@ -185,12 +164,9 @@ def document_in(text: str, path: Path, source: str) -> dict[str, Any]:
     Raises:
         InputError: If it cannot be parsed; the message carries line and column.
     """
-    if path.suffix == ".geojson":
+    if path.suffix in (".json", ".geojson") or text.lstrip().startswith("{"):
         return json_document(text, source)
-    allowed = "valid TOML or JSON"
-    if path.suffix == ".json" or text.lstrip().startswith("{"):
-        return json_document(text, source, allowed)
-    return toml_document(text, source, allowed)
+    return toml_document(text, source)
 
 
 def toml_document(text: str, source: str, allowed: str = "valid TOML") -> dict[str, Any]:

@@ -15,7 +15,8 @@ from PIL import ImageOps
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import open_image, reading
+from twosra_mpc.files import reading
+from twosra_mpc.lab.image_file import open_image
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, Value
 
