@@ -82,7 +82,7 @@ def test_a_new_scenario_shows_every_key_with_a_value_that_is_legal(
     [
         (("scenario", "mine"), "mine.toml' is not acceptable; allowed: the name of a new file"),
         (("robot", "2sra-v1"), "a name that no built-in robot has"),
-        (("robot", "x", "--from", "doorway"), "a built-in robot: 2sr-v2, 2sra-v1"),
+        (("robot", "x", "--from", "doorway"), "one of 2sr-v2, 2sra-v1"),
         (("scenario", "x", "--from", "dorway"), "did you mean doorway"),
         (("scenario", "x.json"), "a name with or without .toml"),
         (("scenario", "."), "a name with or without .toml"),

@@ -188,9 +188,9 @@ def test_the_checks_of_a_new_timing_are_asked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("field", "tag", "allowed"),
     [
-        ("segment.model", "fan", "'lumped' or 'two_node'"),
-        ("timing.nominal.overlap", "pause", "'full', 'none' or 'thermal'"),
-        ("path.model", "line", "'arc' or 'cardioid'"),
+        ("segment.model", "fan", "lumped, two_node"),
+        ("timing.nominal.overlap", "pause", "full, none, thermal"),
+        ("path.model", "line", "arc, cardioid"),
     ],
 )
 def test_a_kind_that_nobody_defined_is_refused_by_name(field: str, tag: str, allowed: str) -> None:

@@ -205,7 +205,7 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ("time_limit_s", 0.0, "time_limit_s", "greater than 0"),
     # unknown names
     ("planner", "Optimal", "planner", "'optimal' or 'greedy'"),
-    ("timing", "papr", "timing", "robot 2sra-v1 has: nominal, constant, paper"),
+    ("timing", "papr", "timing", "one of nominal, constant, paper"),
     ("robot", "2sra-v9", "robot", "did you mean 2sra-v1.*a file that exists, or one of .*2sra-v1"),
     ("robot", "nowhere/robot.toml", "robot", "^a file that exists, or one of .*2sra-v1"),
 ]
@@ -436,7 +436,7 @@ def test_the_key_that_chooses_between_models_is_named(
     (error,) = problems_of(refusal(lambda: Robot(**document)))
     assert error.field.split(".")[0] == key.split(".")[0]
     assert (error.field, error.value) == (field, shown)
-    assert re.search("'arc' or 'cardioid'|'full', 'none' or 'thermal'|required", error.allowed)
+    assert re.search("arc, cardioid|full, none, thermal|required", error.allowed)
 
 
 @pytest.mark.parametrize("name", ["slow", "full", "none", "arc", "float"])
@@ -550,8 +550,8 @@ def test_errors_are_what_callers_would_catch() -> None:
 BROKEN = [
     ("broken.toml", b"robot = \nplanner = 1\n", r"valid TOML.*line 1"),
     ("broken.toml", b'robot = "a"\nrobot = "b"\n', r"valid TOML.*line 2"),
-    ("broken.json", b'{"robot": ', r"JSON in a \.json file.*line 1 column"),
-    ("toml-as.json", b'robot = "2sra-v1"', r"JSON in a \.json file"),
+    ("broken.json", b'{"robot": ', r"valid JSON .*line 1 column"),
+    ("toml-as.json", b'robot = "2sra-v1"', r"valid JSON"),
     ("latin.toml", 'description = "é"'.encode("latin-1"), "UTF-8 text"),
     ("latin.json", '{"description": "é"}'.encode("latin-1"), "UTF-8 text"),
     ("list.json", b"[1, 2]", "table of keys"),

@@ -290,7 +290,7 @@ def _of_class(kind: Any) -> Kind:
     if kind in (Any, object) or isinstance(kind, TypeVar):
         return Kind(_ANYTHING, lambda value: value)
     if name in ("Array", "ndarray"):
-        return Kind(_ARRAY, _array)
+        return Kind(_ARRAY, lambda v: v if isinstance(v, np.ndarray) else _array(v))
     if name in _PLAIN:
         holds, words = _PLAIN[name]
         truths = bool, np.bool_  # numbers for Python, and none here
@@ -312,9 +312,7 @@ def _of_class(kind: Any) -> Kind:
 
 
 def _array(value: Any) -> Any:
-    """An array as it is, and one of whatever else holds finite numbers."""
-    if isinstance(value, np.ndarray):
-        return value
+    """An array of whatever else holds finite numbers."""
     numbers = _numbers(value)
     return numbers if np.isfinite(numbers).all() else _OTHER
 

@@ -183,12 +183,9 @@ def document_in(text: str, path: Path, source: str) -> dict[str, Any]:
     Raises:
         InputError: If it cannot be parsed; the message carries line and column.
     """
-    if path.suffix == ".geojson":
+    if path.suffix in (".json", ".geojson") or text.lstrip().startswith("{"):
         return json_document(text, source)
-    allowed = "valid TOML or JSON"
-    if path.suffix == ".json" or text.lstrip().startswith("{"):
-        return json_document(text, source, allowed)
-    return toml_document(text, source, allowed)
+    return toml_document(text, source)
 
 
 def toml_document(text: str, source: str, allowed: str = "valid TOML") -> dict[str, Any]:

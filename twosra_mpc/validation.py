@@ -252,8 +252,7 @@ class Tagged(Value):
             raise missing(cls.tag_key)
         tag = value[cls.tag_key]
         if not isinstance(tag, str) or tag not in cls.kinds:
-            allowed = " or ".join(", ".join(map(repr, cls.kinds)).rsplit(", ", 1))
-            raise InputError(cls.tag_key, tag, allowed, hint=near_word(tag, cls.kinds))
+            raise InputError(cls.tag_key, tag, f"one of {', '.join(cls.kinds)}")
         return cls.kinds[tag](**value)
 
     @classmethod

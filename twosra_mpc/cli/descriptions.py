@@ -21,7 +21,6 @@ from twosra_mpc.files import (
     read_text,
     write_text,
 )
-from twosra_mpc.keys import near_word
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_document, robot_names
 
@@ -148,8 +147,7 @@ def _robot(source: str, name: str) -> str:
 def _check_built_in(source: str, kind: Kind) -> None:
     names = built_in_names(_FOLDERS[kind]) if kind in _FOLDERS else []
     if source not in names:
-        allowed = f"a built-in {kind}: {', '.join(names)}"
-        raise InputError("--from", source, allowed, hint=near_word(source, names))
+        raise InputError("--from", source, f"one of {', '.join(names)}")
 
 
 def _following(kind: Kind, path: Path, source: str | None) -> list[str]:

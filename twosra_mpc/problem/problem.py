@@ -25,7 +25,7 @@ from pydantic import (
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
-from twosra_mpc.keys import doubts, near_word
+from twosra_mpc.keys import doubts
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
 from twosra_mpc.problem.objects import Object
@@ -279,10 +279,7 @@ class Problem(Value):
         """Yield every value that the robot does not allow."""
         robot = self.robot
         if self.timing not in robot.timing:
-            names = ", ".join(robot.timing)
-            allowed = f"one that robot {robot.name} has: {names}"
-            hint = near_word(self.timing, robot.timing)
-            yield InputError("timing", self.timing, allowed, hint=hint)
+            yield InputError("timing", self.timing, f"one of {', '.join(robot.timing)}")
         limit = robot.limits.curvature_per_m
         ends = [("start", self.start.configuration)]
         ends += [(where, goal.configuration) for where, goal in self._goals().items()]

@@ -5,21 +5,18 @@ Places in a photograph are in pixels (x right, y down, the middle of the first p
 
 from __future__ import annotations
 
-import io
 import os
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import ImageOps
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_bytes, reading
+from twosra_mpc.files import reading
+from twosra_mpc.lab.image_file import open_image
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, Value
 
@@ -33,24 +30,6 @@ _MARGIN = 3  # px around a segment that is cut out
 _KEYS = -0.75
 
 Mask = NDArray[np.bool_]
-
-
-@contextmanager
-def open_image(path: Path) -> Iterator[Image.Image]:
-    """Open an image (of Pillow) for a block.
-
-    Raises:
-        InputError: If it cannot be read, or is none.
-        Exception: Of many kinds, if it is spoilt, or so large that Pillow warns of it.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", Image.DecompressionBombWarning)
-        try:
-            image = Image.open(io.BytesIO(read_bytes(path, str(path))))
-        except UnidentifiedImageError:
-            raise InputError("file", str(path), "an image file, as PNG, PGM or JPEG") from None
-        with image:
-            yield image
 
 
 class Camera(Value):

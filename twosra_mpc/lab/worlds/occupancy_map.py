@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from twosra_mpc.errors import InputError, InputWarning
 from twosra_mpc.files import is_device, read_text, reading
 from twosra_mpc.keys import near_key
-from twosra_mpc.lab.photographs.picture import open_image
+from twosra_mpc.lab.image_file import open_image
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array, rotation
