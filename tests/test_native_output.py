@@ -36,7 +36,7 @@ QUICK: dict[str, tuple[str, int]] = {
     "resample": ("plan.json out.csv --rate 1", 0),
     "export": ("plan.json out.csv", 0),
     "report": ("plan.json out.html", 0),
-    "animate": ("plan.json out.gif --seconds 0.2", 0),
+    "animate": ("plan.json out.gif --seconds 1", 0),
     "figures": ("plan.json", 2),  # a file; the figures themselves take a minute
     "reproduce": ("--out plan.json", 2),  # likewise
     "stream": ("plan.json --dry-run", 0),
