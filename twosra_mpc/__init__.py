@@ -108,20 +108,13 @@ __all__ = sorted(_MODULES)
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(_loaded(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def _loaded(module: str) -> Any:
-    """Import a module; to look for garbage meanwhile takes an eighth of the time, for nothing."""
-    collecting = gc.isenabled()
-    gc.disable()
+    thresholds = gc.get_threshold()
+    gc.set_threshold(0)  # to look for garbage meanwhile takes an eighth of the time, for nothing
     try:
-        return importlib.import_module(module)
+        module = importlib.import_module(f"{__name__}.{_MODULES[name]}")
     finally:
-        if collecting:
-            gc.enable()
+        gc.set_threshold(*thresholds)
+    return globals().setdefault(name, getattr(module, name))
 
 
 def __dir__() -> list[str]:

@@ -188,7 +188,8 @@ def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> 
         rest = [0] * (len(columns) - count)
         sums += [[mode[j] for mode in columns[:count]] + rest for j in range(len(change))]
     changed = np.array(sums, dtype=float).reshape(len(sums), len(columns))
-    ends = np.array([ends for change in changes for ends in change]).T + [[-_ROUNDING], [_ROUNDING]]
+    ends = np.array([ends for change in changes for ends in change]).T
+    ends = ends + np.array([[-_ROUNDING], [_ROUNDING]])
     asked = np.isfinite(ends)
     some = asked.any(axis=0)
     middle = np.where(asked, ends, ends[::-1])[:, some].mean(axis=0)
