@@ -65,13 +65,13 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 @pytest.mark.parametrize(
     ("name", "sums", "legs"),
     [
-        ("scattered", 8_000, 1_500),
-        ("doorway", 8_000, 1_500),
-        ("corridor", 14_000, 1_500),
-        ("conform-cylinder", 2_000, 1_000),
-        ("grasp-cube", 8_000, 1_000),
-        ("pick-and-place", 4_000, 1_000),
-        ("tidy-up", 4_000, 2_500),
+        ("scattered", 6_000, 350),
+        ("doorway", 6_500, 550),
+        ("corridor", 8_000, 500),
+        ("conform-cylinder", 0, 100),
+        ("grasp-cube", 1_200, 150),
+        ("pick-and-place", 1_800, 500),
+        ("tidy-up", 2_200, 500),
     ],
 )
 def test_a_first_plan_is_little_work(
@@ -82,8 +82,8 @@ def test_a_first_plan_is_little_work(
         plan(load_problem(name))
     assert work["sums"] <= sums
     assert work["legs"] <= legs
-    assert work["bounds"] <= 1_500
-    assert work["plans"] <= 2
+    assert work["bounds"] <= 800
+    assert work["plans"] <= 1
 
 
 def crowded(seed: int, count: int) -> World:
@@ -129,6 +129,26 @@ def test_what_gets_out_of_a_ring_is_what_fits_through_its_gap(open_rad: float) -
         assert np.abs(shapely.get_coordinates(parts)).max() < inner_m
     if gap_m > 2 * half_m * 1.1:
         assert at_edge
+
+
+@pytest.mark.parametrize(("corners", "alike"), [(3, 24), (4, 18), (5, 72), (6, 12)])
+def test_what_looks_the_same_when_it_is_turned_is_turned_no_further(
+    corners: int, alike: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    angles = 0.1 + 2 * np.pi * np.arange(corners) / corners
+    thing = 0.01 * np.column_stack([np.cos(angles), np.sin(angles)])
+    beside = [
+        0.02 * np.array([[c, s]]) + np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.007
+        for c, s in ((1, 0.1), (0, 1), (-1, 0), (0.2, -1))
+    ]
+    assert slices._alike_after([thing], 72) == alike
+    found = [component_around([thing], beside, 72, np.zeros(2))]
+    monkeypatch.setattr(slices, "_alike_after", lambda _, headings: headings)
+    found.append(component_around([thing], beside, 72, np.zeros(2)))
+    (parts, at_edge), (whole, whole_at_edge) = (each for each in found if each is not None)
+    assert len(parts) == len(whole)
+    assert at_edge == whole_at_edge
+    assert shapely.area(parts) == pytest.approx(shapely.area(whole), abs=1e-10)
 
 
 def test_what_is_opened_before_a_grasp_is_open_for_it() -> None:

@@ -30,21 +30,17 @@ def exported(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]
     def get(name: str) -> Any:
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = vars(own)[name] = getattr(_loaded(modules[name]), name)
-        return value
+        thresholds = gc.get_threshold()
+        gc.set_threshold(
+            0
+        )  # to look for garbage meanwhile takes an eighth of the time, for nothing
+        try:
+            module = importlib.import_module(modules[name])
+        finally:
+            gc.set_threshold(*thresholds)
+        return vars(own).setdefault(name, getattr(module, name))
 
     return get, lambda: sorted({*vars(own), *modules}), sorted(modules)
-
-
-def _loaded(module: str) -> Any:
-    """Import a module; to look for garbage meanwhile takes an eighth of the time, for nothing."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        return importlib.import_module(module)
-    finally:
-        if collecting:
-            gc.enable()
 
 
 __getattr__, __dir__, __all__ = exported(__name__)

@@ -153,17 +153,13 @@ def _halve(rooms: Rooms, found: _Bracket, some: NDArray[np.bool_]) -> None:
         between = between[found.above[between] > _ROOM_M]
 
 
-def room_m(
-    robot: Robot, contour: Contour, q: Array, segments: tuple[int | None, ...], gap_m: float
-) -> Array:
-    """Distance of the parts of configurations (m, 3 + n) beyond a gap, (m,) [m]."""
-    return _rooms_m(robot, contour, q, segments, gap_m).min(axis=0)
-
-
 def _rooms_m(
     robot: Robot, contour: Contour, q: Array, segments: tuple[int | None, ...], gap_m: float
 ) -> Array:
-    """As ``room_m``, of what is rigid and of the arc of each segment, (2 segments, m) [m]."""
+    """Distance beyond a gap of what is rigid and of the arc of each segment, (2 segments, m) [m].
+
+    Of the parts of configurations (m, 3 + n) that segments move; None: those that b0 is on.
+    """
     if not len(q):
         return np.zeros((2 * len(segments), 0))
     geometry = robot.geometry
@@ -254,7 +250,7 @@ def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
     side, poses = _on_both_sides(contour.stations(geometry.fibre_radius_m + gap_m))
     q = np.pad(poses, ((0, 0), (0, geometry.segments)))
     reasons = np.full(len(q), "", dtype=object)
-    reasons[room_m(robot, contour, q, (None,), gap_m) < 0] = OVERLAPS
+    reasons[_rooms_m(robot, contour, q, (None,), gap_m).min(axis=0) < 0] = OVERLAPS
     for chain in _chains(geometry):
         _close_chain(robot, contour, q, chain, side, gap_m, reasons)
     _name_limits(robot, q, reasons)
@@ -292,7 +288,8 @@ def conform_touches(
         rest = [chains[0][1:]] if chains[0][1:] else []
     else:
         q, rest = np.pad(stations, ((0, 0), (0, geometry.segments))), chains
-    reasons[(reasons == "") & (room_m(robot, contour, q, (None,), 0.0) < 0)] = OVERLAPS
+    overlap = _rooms_m(robot, contour, q, (None,), 0.0).min(axis=0) < 0
+    reasons[overlap & (reasons == "")] = OVERLAPS
     for chain in rest:
         _close_chain(robot, contour, q, chain, side, 0.0, reasons)
     gaps = np.array([farthest_m(geometry, contour, q, j) for j in own])
@@ -307,9 +304,8 @@ def conform_touches(
 
 def _in_order(side: Array, q: Array, reasons: Array, slack: Array, wraps: Array) -> TouchSet:
     """Touches of configurations (m, 3 + n), those that embrace most first."""
-    touches = [
-        Touch(q[i], slack[i], float(wraps[i]), int(side[i])) for i in np.flatnonzero(reasons == "")
-    ]
+    kept = np.flatnonzero(reasons == "")
+    touches = [Touch(q[i], slack[i], float(wraps[i]), int(side[i])) for i in kept]
     ordered = sorted(touches, key=lambda touch: -round(touch.wrap_rad, 6))
     return TouchSet(tuple(ordered), dict(Counter(reasons[reasons != ""].tolist())))
 

@@ -61,15 +61,9 @@ def versine_ratio_squared(alpha: ca.SX) -> ca.SX:
 
 def placed(pose: ca.SX, points: ca.SX | ca.DM) -> ca.SX:
     """Points, 2xk, given in the frame at ``pose``, where that frame is given, 2xk [m]."""
-    return _placed(points.shape[1])(pose, points)
-
-
-@functools.cache
-def _placed(count: int) -> ca.Function:
-    pose, points = ca.SX.sym("pose", 3), ca.SX.sym("points", 2, count)
     c, s = ca.cos(pose[2]), ca.sin(pose[2])
     turned = ca.blockcat([[c, -s], [s, c]]) @ points
-    return ca.Function("placed", [pose, points], [turned + ca.repmat(pose[:2], 1, count)])
+    return turned + ca.repmat(pose[:2], 1, points.shape[1])
 
 
 def composed(pose: ca.SX, poses: ca.SX | ca.DM) -> ca.SX:
@@ -105,15 +99,8 @@ def fibre_poses(geometry: Geometry, q: ca.SX, segment: int, shares: ca.SX | ca.D
 
 def arc(kappa: ca.SX, runs_m: ca.SX | ca.DM) -> ca.SX:
     """Poses of points of an arc that starts at the origin along x, 3xk; ``runs_m`` has a sign."""
-    return _arc(runs_m.shape[1])(kappa, runs_m)
-
-
-@functools.cache
-def _arc(count: int) -> ca.Function:
-    kappa, runs_m = ca.SX.sym("kappa"), ca.SX.sym("runs_m", 1, count)
     alpha = kappa * runs_m
-    poses = ca.vertcat(runs_m * sinc(alpha), runs_m * versine_ratio(alpha), alpha)
-    return ca.Function("arc", [kappa, runs_m], [poses])
+    return ca.vertcat(runs_m * sinc(alpha), runs_m * versine_ratio(alpha), alpha)
 
 
 def fibre_end_pose(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:

@@ -160,9 +160,7 @@ def farthest_m(geometry: Geometry, contour: Contour, q: Array, segment: int) -> 
     return farthest - geometry.fibre_radius_m
 
 
-def wraps_rad(
-    geometry: Geometry, contour: Contour, q: Array, side: Array, touches_m: float
-) -> Array:
+def wraps_rad(geometry: Geometry, contour: Contour, q: Array, side: Array, near_m: float) -> Array:
     """Turns of the normals of contacts of configurations (m, 3 + n) about a contour, (m,).
 
     Args:
@@ -170,7 +168,7 @@ def wraps_rad(
         contour: What they touch.
         q: Configurations.
         side: 1 with the contour on +y of b0, -1 on -y, (m,).
-        touches_m: As near counts as touching.
+        near_m: As near counts as touching.
     """
     most = np.zeros((2, len(q)))  # towards LU1, towards LU2
     for j in range(geometry.segments):
@@ -185,7 +183,7 @@ def wraps_rad(
         angle = np.arctan2(into[..., 1], into[..., 0]) - q[:, None, 2]
         ahead = way * (side[:, None] * angle - np.pi / 2)  # from what b0 touches
         ahead = (ahead + np.pi / 2) % (2 * np.pi) - np.pi / 2
-        turned = np.where(np.column_stack(near) <= touches_m, ahead, 0.0).max(axis=1)
+        turned = np.where(np.column_stack(near) <= near_m, ahead, 0.0).max(axis=1)
         most[(way + 1) // 2] = np.maximum(most[(way + 1) // 2], turned)
     whole: Array = most.sum(axis=0)
     return whole

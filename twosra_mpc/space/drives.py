@@ -18,7 +18,7 @@ from twosra_mpc.problem.limits import drive_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.space.footprint import SAGITTA_M, Footprint, footprint, kept_m
+from twosra_mpc.space.footprint import SAGITTA_M, footprint, kept_m
 from twosra_mpc.space.screws import (
     Bools,
     Proof,
@@ -135,9 +135,10 @@ class Drives:
         from twosra_mpc.space.slices import certified_slices
 
         if headings not in self._certified:
-            coarse = self._coarse(headings)
-            made = certified_slices(coarse, self.world, self.kept_m, headings)
-            self._certified[headings] = made
+            coarse_m = self.footprint.radius_m * np.pi / headings / 4  # as slices are anyhow
+            made = footprint(self.geometry, self.kappa, max(SAGITTA_M, coarse_m))
+            coarse = made.holding(self._held), self.world, self.kept_m, headings
+            self._certified[headings] = certified_slices(*coarse)
         return self._certified[headings]
 
     def possible_slices(self, headings: int, kept_m: float | None = None) -> FreeSlices:
@@ -150,27 +151,20 @@ class Drives:
             self._possible[headings, kept] = possible_slices(whole, self.world, kept, headings)
         return self._possible[headings, kept]
 
-    def _coarse(self, headings: int) -> Footprint:
-        """The footprint in fewer pieces, as coarse as slices are anyhow."""
-        turned_m = self.footprint.radius_m * np.pi / headings
-        made = footprint(self.geometry, self.kappa, max(SAGITTA_M, turned_m / 4))
-        return made.holding(self._held)
-
     def roadmap(self, headings: int) -> Roadmap:
         """Roads through F-."""
         from twosra_mpc.space.roadmap import roadmap
 
+        free = self.certified_slices(headings)
         if headings not in self._roadmaps:
-            slices = self.certified_slices(headings)
-            self._roadmaps[headings] = roadmap(slices, self.rows, _SPACING_M)
+            self._roadmaps[headings] = roadmap(free, self.rows, _SPACING_M)
         return self._roadmaps[headings]
 
     def field(self, pose: Array) -> Field | None:
         """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
         headings = self.headings[0]
-        if self.certified_slices(headings).component(pose) is None:
-            return None
-        return self.roadmap(headings).field(pose)
+        held = self.certified_slices(headings).component(pose) is not None
+        return self.roadmap(headings).field(pose) if held else None
 
     def spread(self, most: int) -> Array:
         """Poses all over the roads, at most so many, (m, 3); none if no slice is free."""

@@ -8,7 +8,7 @@ none crosses between. Triangles give nodes that leave out no part and no passage
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -144,12 +144,6 @@ class Triangles:
         pairs = np.concatenate([self.node_of[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
         return pairs[(pairs >= 0).all(axis=1)]
 
-    @cached_property
-    def _tree(self) -> shapely.STRtree:
-        """Of the triangles, slices apart from each other."""
-        apart = self._apart(self.corners, self.slice_of[:, None])
-        return shapely.STRtree(np.asarray(shapely.polygons(apart), dtype=object))
-
     def _apart(self, positions: Array, slices: Indices) -> Array:
         wide = 1.0 + 4 * float(np.abs(self.corners).max(initial=0.0))
         return positions + np.stack([wide * slices, np.zeros_like(slices)], axis=-1)
@@ -157,11 +151,11 @@ class Triangles:
     def seen_from(self, positions: Array, slices: Indices) -> Indices:
         """Nodes of the triangle that holds each position, pairs (position, node), (m, 2)."""
         points = shapely.points(self._apart(positions, slices))
-        point, triangle = self._tree.query(points, predicate="intersects")
+        own: Any = shapely.polygons(self._apart(self.corners, self.slice_of[:, None]))
+        point, triangle = shapely.STRtree(own).query(points, predicate="intersects")
         pairs = np.column_stack([np.repeat(point, 3), self.node_of[triangle].ravel()])
         pairs = pairs[pairs[:, 1] >= 0]
-        names = pairs @ [len(self.positions), 1]
-        return pairs[np.unique(names, return_index=True)[1]]
+        return pairs[np.unique(pairs @ [len(self.positions), 1], return_index=True)[1]]
 
 
 def triangles(slices: FreeSlices) -> Triangles:

@@ -23,7 +23,6 @@ from twosra_mpc.space.slices import FreeSlices, Indices, components
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
 _FEW = 10_000  # edges whose times are found at once: 2 MiB on the way
-_BAND = 20.0  # mean times of an edge by which nodes that are gone on from at once may differ
 _NEAREST = 4  # by which the way to a pose is estimated
 
 
@@ -42,7 +41,6 @@ class Graph:
         self._begin, self._end = begin[order], end[order]
         self._times_s = np.tile(times_s, 2)[order]
         self._first = np.searchsorted(self._begin, np.arange(size + 1))
-        self._band_s = _BAND * float(times_s.mean()) if len(times_s) else 0.0
 
     def least_times_s(self, nodes: Indices, times_s: Array) -> tuple[Array, Indices]:
         """Least times to every node, infinite without a way, and the node before it, (size,) each.
@@ -53,8 +51,7 @@ class Graph:
         least = np.full(len(self._first) - 1, np.inf)
         np.minimum.at(least, nodes, times_s)
         waiting = np.isfinite(least)
-        while len(some := np.flatnonzero(waiting)):
-            now = some[least[some] <= least[some].min() + self._band_s]
+        while len(now := np.flatnonzero(waiting)):
             waiting[now] = False
             first, count = self._first[now], self._first[now + 1] - self._first[now]
             edges = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
@@ -191,9 +188,8 @@ class Field:
         """
         total = self.times_s + back.times_s
         near = np.flatnonzero(total <= longer * float(total.min()))
-        positions = self.roadmap.poses[near, :2]
-        away = np.min([np.hypot(*(positions - at).T) for at in path[:, :2]], axis=0)
-        near = near[away > apart_m]
+        from_path = (self.roadmap.poses[near, :2] - at for at in path[:, :2])
+        near = near[np.min([np.hypot(*each.T) for each in from_path], axis=0) > apart_m]
         if not len(near):
             return None
         node = int(near[total[near].argmin()])

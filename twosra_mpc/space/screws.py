@@ -104,7 +104,7 @@ def clear_legs(
 
 
 Bools = NDArray[np.bool_]
-Times = Callable[[Array, Array], Array]  # of legs between poses (m, 3) each, (m,) [s]
+Times = Callable[[Array, Array], Array]  # of legs between poses (..., 3) each, (...,) [s]
 Proof = Callable[[Array, Array], Bools]  # which of them are clear, (m,)
 
 _WINDOW = 20  # poses of which every pair may be a leg
@@ -135,33 +135,23 @@ def _fastest(poses: Array, times: Times, proof: Proof) -> Array:
 
     Of the other legs those of the fastest ways are proved, a few at once, until a way is.
     """
-    one, other = np.triu_indices(len(poses), k=1)
-    legs = np.full((len(poses), len(poses)), np.inf)
-    legs[one, other] = times(poses[one], poses[other])
+    legs = np.where(np.tri(len(poses)), np.inf, times(poses[:, None], poses))
     own = np.concatenate([[0.0], np.cumsum(legs.diagonal(1))])
     asked = np.triu(legs < own - own[:, None], k=2)
     legs[~asked & np.triu(np.ones_like(asked), k=2)] = np.inf
     while True:
-        (least, before), (to_go, _) = _ways(legs), _ways(legs[::-1, ::-1].T)
-        chain = [len(poses) - 1]
+        apart = np.where(np.eye(len(poses)), 0.0, legs)
+        for _ in range(_WINDOW.bit_length()):  # ways of one leg, two, four and so on
+            apart = (apart[:, :, None] + apart).min(axis=1)
+        before, chain = (apart[0, :, None] + legs).argmin(axis=0), [len(poses) - 1]
         while chain[-1] > 0:
             chain.append(int(before[chain[-1]]))
         if not asked[chain[1:], chain[:-1]].any():
             return poses[chain[::-1]]
-        through = (least[:, None] + legs + to_go[::-1])[asked]
+        through = (apart[0, :, None] + legs + apart[:, -1])[asked]
         some = np.argwhere(asked)[np.argsort(through, kind="stable")[:_PROVED]].T
         asked[*some] = False
         legs[*some] = np.where(proof(poses[some[0]], poses[some[1]]), legs[*some], np.inf)
-
-
-def _ways(legs: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Least times from the first pose, by legs to later ones, and the pose before, (m,) each."""
-    least, before = np.zeros(len(legs)), np.zeros(len(legs), dtype=int)
-    for j in range(1, len(legs)):
-        through = least[:j] + legs[:j, j]
-        before[j] = through.argmin()
-        least[j] = through[before[j]]
-    return least, before
 
 
 def improved(poses: Array, times: Times, proof: Proof) -> Array:

@@ -54,8 +54,7 @@ _ROUNDING_M = 1e-6  # of GEOS, and to spare
 _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
-_GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid
-_SAME_M = 1e-9  # rounding of corners that were turned
+_GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid; as near is the same
 AT_EDGE_M = 1e-6  # of a box
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
@@ -223,7 +222,7 @@ def _alike_after(pieces: list[Array], headings: int) -> int:
     """Slices after which one convex piece looks the same, a square after a quarter of them."""
     for k in (k for k in range(1, headings) if headings % k == 0 and len(pieces) == 1):
         apart = (pieces[0] @ rotation(2 * np.pi * k / headings))[:, None] - pieces[0]
-        if np.abs(apart).max(axis=2).min(axis=1).max() < _SAME_M:
+        if np.abs(apart).max(axis=2).min(axis=1).max() < _GRID_M:
             return k
     return headings
 
@@ -279,9 +278,7 @@ def _blocked(
     met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
     blocked = np.full(met.shape, None, dtype=object)
     blocked[met] = shapely.polygons(sums[met])
-    by_obstacle = blocked[:, 0]
-    if len(pieces) > 1:  # faster than all at once
-        by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))
+    by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))  # faster than all at once
     whole = np.asarray(shapely.union_all(by_obstacle, axis=1), dtype=object)
     at, *_ = np.nonzero(met)
     middles = shapely.points(sums[met].mean(axis=1))

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -281,16 +282,10 @@ class _Stops:
     ) -> Stop:
         robot = self.whole.problem.robot
         sweep = Sweep(made, robot, stage.world, stage.sagitta_m)
+        stop = _stop(made.displacement, begins, sweep.may_be_clear, sweep.clear)
         if drive is None or not (aside or stage.drives_last):
-            return _stop(made.displacement, begins, sweep.may_be_clear, sweep.clear)
-        clear = sweep.may_be_clear, sweep.clear
-        return Stop(
-            made.displacement,
-            *clear,
-            lambda poses: poses,
-            begins,
-            lambda: drive.spread(_MOST_POSES),
-        )
+            return stop
+        return stop._replace(moved=np.copy, everywhere=partial(drive.spread, _MOST_POSES))
 
     def _ending(self, stage: Placement, shape: Array) -> Stop:
         """The end of a stage: one of its poses, or members of its goal, or away from a thing."""
