@@ -304,7 +304,8 @@ def _of_class(kind: Any) -> Kind:
     def take(value: Any) -> Any:
         if protocol and not isinstance(value, type) and all(hasattr(value, each) for each in able):
             return value
-        classes = _class_names(type(value))
+        own_class: Any = type(value)
+        classes = _class_names(own_class)
         if name in classes:
             return value
         own = (_TAKEN_OF.get((name, given)) for given in classes)
@@ -313,7 +314,7 @@ def _of_class(kind: Any) -> Kind:
     return Kind(f"a {name}: {MADE_BY.get(name, f'{name}(...)')}", take)
 
 
-@functools.lru_cache(256)
+@functools.cache
 def _class_names(of: type) -> frozenset[str]:
     """Names of a class and of those that it comes from."""
     return frozenset(each.__name__ for each in of.__mro__)
@@ -321,7 +322,8 @@ def _class_names(of: type) -> frozenset[str]:
 
 def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
     """Say what makes a value of this kind."""
-    classes = _class_names(type(value)) if _PATH in kind.words else ()
+    own: Any = type(value)
+    classes = _class_names(own) if _PATH in kind.words else ()
     hints = [words for each, words in _WRITTEN_BY.items() if each in classes]
     return InputError(name, value, kind.words, hint=(*hints, near_word(value, kind.names))[0])
 

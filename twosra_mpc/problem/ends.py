@@ -185,7 +185,8 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
 def _steepness(body: Body, boxes: bool) -> tuple[list[str], Array, Array]:
     """Limits that forbid shapes, and how much each margin changes per curvature, (limits, n).
 
-    And at most, (limits, 1). Of single shapes also those of which that is not known: they count as the curvature does.
+    And at most, (limits, 1). Of single shapes also those of which that is not known: they count as
+    the curvature does.
     """
     forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
     known = [limit for limit in forbids if limit.steep is not None or not boxes]

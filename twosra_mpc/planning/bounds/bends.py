@@ -305,8 +305,8 @@ def least_durations(
 ) -> tuple[float, ...]:
     """Least durations of the phases, as far as the task says how far they bend [s].
 
-    Infinite where a bend must pass a shape that is forbidden, and not told after that. Bends that the task leaves free are
-    within ``free``, or anything without.
+    Infinite where a bend must pass a shape that is forbidden, and not told after that. Bends that
+    the task leaves free are within ``free``, or anything without.
     """
     durations = [0.0] * len(sequence)
     for i, step in enumerate(bend_steps(sequence, task, free) or ()):

@@ -63,7 +63,7 @@ def guess_motion(
         nodes = np.tile(q, (intervals + 1, 1))
         if any(mode) and bends[i] != 0.0:
             nodes, inputs[i, :, :2] = bent(robot, q, mode, float(bends[i]), intervals)
-            lost = ~np.isfinite(nodes).all(axis=1)  # farther than anything bends: no plan of this
+            lost = ~np.all(np.isfinite(nodes), axis=1)  # farther than anything bends
             nodes[lost], inputs[i, lost[1:]] = nodes[lost.argmax() - 1], 0.0
         states.append(nodes)
         q = nodes[-1]
