@@ -96,3 +96,13 @@ def test_degenerate_programs_are_solved_too() -> None:
             compared += 1
             assert (e / (lasting @ found)).sum() <= other.fun * (1 + 1e-6) + 1e-7, seed
     assert compared > 30
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seed", range(8))
+def test_rows_that_contradict_each_other_end_it_with_numbers(seed: int) -> None:
+    rng, eye = np.random.default_rng(seed), np.eye(3)
+    rows = np.vstack([eye, -eye, -np.ones((1, 3))])
+    least = np.concatenate([np.full(3, 0.2), np.full(3, -1.0), [-0.6 + 10 ** rng.uniform(-6, -1)]])
+    found = minimum(rng.uniform(0.0, 1.0, 3), eye, np.zeros(3), rows, least, np.full(3, 0.2))
+    assert np.isfinite(found).all()

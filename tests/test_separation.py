@@ -99,6 +99,20 @@ def test_without_turning_distances_change_no_more_than_the_robot_moves(seed: int
     assert (np.abs(after - before) <= moved + SAME_M)[near].all()
 
 
+@given(seeds, st.sampled_from([0.0, 0.004, 0.02, 0.06]), st.floats(-9, -6))
+@settings(max_examples=10)
+def test_moved_by_rounding_distances_change_as_little(
+    seed: int, kept_m: float, power: float
+) -> None:
+    """Turned, too, and wherever one way to tell a distance becomes another."""
+    world, shape, at = random_world(seed), shaped(seed), poses(seed, 80)
+    by = 10.0**power * np.random.default_rng(seed).normal(size=at.shape)
+    distances = Separation(shape, world, kept_m).distances
+    before, after = distances(at), distances(at + by)
+    moved = np.hypot(by[:, 0], by[:, 1]) + shape.radius_m * np.abs(by[:, 2])
+    assert (np.abs(after - before) <= 3 * moved + SAME_M).all()
+
+
 def test_batches_agree_with_one_by_one() -> None:
     world, shape, at = random_world(3), shaped(3), poses(3, 600)
     separation = Separation(shape, world, 0.002)

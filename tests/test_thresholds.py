@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
+from problems import random_problem
 
-from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc import Goal, InputError, Problem, load_problem, plan
 from twosra_mpc.lab.worlds.occupancy_map import read_map
 from twosra_mpc.problem.limits import body_gaps_m, workspace_margins
 from twosra_mpc.problem.tolerances import UNSEEN_M, kept_from_m
@@ -108,6 +111,41 @@ def test_rounding_changes_neither_verdict_nor_cost(name: str) -> None:
     at, problem = THRESHOLDS[name]
     verdicts, costs = zip(*(outcome(lambda x=x: problem(x)) for x in nearly(at)), strict=True)
     assert set(verdicts) <= {"optimal", "feasible"}, verdicts
+    assert len(set(verdicts)) == 1
+    assert np.ptp(costs) <= SAME_S
+
+
+def reaching(problem: Problem, half_width: float, **ends: object) -> Problem:
+    """The problem with other ends of its goal, and these half-widths of curvatures."""
+    widths = {"kappa_per_m": (half_width, half_width)}
+    goal = {"x_m": None, "y_m": None, "phi_rad": None, "tolerance": widths, **ends}
+    return problem.with_values(goal=Goal(**goal))
+
+
+def bent_a_little(problem: Problem, x: float) -> Problem:
+    first, second = problem.start.kappa_per_m
+    return reaching(problem, 0.0, kappa_per_m=(first - math.copysign(x, first), second))
+
+
+OF_RANDOM: dict[str, tuple[float, Callable[[Problem, float], Problem]]] = {
+    "width of the goal": (
+        1e-3,
+        lambda p, x: reaching(p, x, kappa_per_m=p.goal.kappa_per_m),
+    ),
+    "edge of the goal": (2.0, lambda p, x: reaching(bent_a_little(p, x), 2.0)),
+    "little to bend": (2e-6, bent_a_little),
+}
+
+
+@pytest.mark.parametrize("name", OF_RANDOM)
+@given(st.integers(0, 10_000))
+@settings(max_examples=2)
+def test_rounding_changes_no_random_problem(name: str, seed: int) -> None:
+    at, problem = OF_RANDOM[name]
+    given = random_problem(seed)
+    verdicts, costs = zip(
+        *(outcome(lambda x=x: problem(given, x)) for x in nearly(at)), strict=True
+    )
     assert len(set(verdicts)) == 1
     assert np.ptp(costs) <= SAME_S
 

@@ -317,7 +317,7 @@ def _array(value: Any) -> Any:
     return numbers if np.isfinite(numbers).all() else _OTHER
 
 
-@functools.lru_cache(256)
+@functools.cache
 def _class_names(of: type) -> frozenset[str]:
     """Names of a class and of those that it comes from."""
     return frozenset(each.__name__ for each in of.__mro__)

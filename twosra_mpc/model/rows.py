@@ -19,7 +19,7 @@ _BLOCK = 64  # rows at once: a function for so many rows weighs as much as their
 
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """Values of a function of dense vectors: an array (m, k) for each argument and each result."""
-    values = _empty(function, len(rows[0]))
+    values = [np.empty((len(rows[0]), size)) for size in _sizes(function)]
     _fill(values, function, rows)
     return values
 
@@ -27,15 +27,12 @@ def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Arr
 def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """As ``by_rows``, where the last array says the mode of each row."""
     *given, modes = rows
-    codes, values = modes @ (1 << np.arange(modes.shape[1])), _empty(function, len(modes))
+    codes = modes @ (1 << np.arange(modes.shape[1]))
+    values = [np.empty((len(modes), size)) for size in _sizes(function)]
     for code in set(codes.tolist()):
         at = (codes == code).nonzero()[0]
         _fill(values, in_mode(function, tuple(modes[at[0]].tolist())), given, at)
     return values
-
-
-def _empty(function: ca.Function, count: int) -> list[Array]:
-    return [np.empty((count, size)) for size in _sizes(function)]
 
 
 @per_function()
@@ -80,7 +77,7 @@ class _Ready:
 
     def __init__(self, function: ca.Function, count: int) -> None:
         self.reads = [np.empty((count, function.numel_in(i))) for i in range(function.n_in())]
-        self.writes = _empty(function, count)
+        self.writes = [np.empty((count, size)) for size in _sizes(function)]
         self._mapped = InPlace(function.map(count), self.reads, self.writes)
         self.evaluate = self._mapped.evaluate
 

@@ -63,9 +63,7 @@ def guess_motion(
         nodes = np.tile(q, (intervals + 1, 1))
         if any(mode) and bends[i] != 0.0:
             nodes, inputs[i, :, :2] = bent(robot, q, mode, float(bends[i]), intervals)
-            lost = np.asarray(
-                ~np.isfinite(nodes).all(axis=1)
-            )  # farther than anything bends: no plan of this
+            lost = ~np.all(np.isfinite(nodes), axis=1)  # farther than anything bends
             nodes[lost], inputs[i, lost[1:]] = nodes[lost.argmax() - 1], 0.0
         states.append(nodes)
         q = nodes[-1]
@@ -75,18 +73,12 @@ def guess_motion(
         begin = states[first][0]
         inputs[first] = rigid_move(begin, q, goal) / intervals
         states[first][1:] = drive(begin, inputs[first, :, 2:])
-        for later in states[first + 1 :]:
-            later[:, :POSE] = _carried(later[:, :POSE], begin, states[first][-1])
+        end = states[first][-1]
+        turn = end[2] - begin[2]
+        for later in states[first + 1 :]:  # what is seen from there stays as it is
+            later[:, :2] = end[:2] + (later[:, :2] - begin[:2]) @ rotation(turn)
+            later[:, 2] += turn
     return Motion(robot, sequence, inputs, np.array(states))
-
-
-def _carried(poses: Array, begin: Array, end: Array) -> Array:
-    """Poses (m, 3) that move with the robot while it drives from one configuration to another."""
-    turn = end[2] - begin[2]
-    carried: Array = np.empty_like(poses)
-    carried[:, :2] = end[:2] + (poses[:, :2] - begin[:2]) @ rotation(turn)
-    carried[:, 2] = poses[:, 2] + turn
-    return carried
 
 
 def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:

@@ -21,6 +21,7 @@ _LOOSE = 1e-9  # by which every row may be missed: rows may leave no room betwee
 _SHARE = 0.995  # of the way to where a slack or a multiplier is zero
 _CENTRED = 0.03  # of the mean of s z, in a step
 _LEAST = 1e-10  # mean that a step aims at: what is much smaller leaves the gradient to rounding
+_CONTRADICTED = 1e12  # mean of s z beyond which rows contradict each other: z only grows
 _REGULAR = 1e-15  # added to a diagonal of ones: some units of rounding
 
 
@@ -48,6 +49,8 @@ def minimum(e: Array, lasting: Array, price: Array, rows: Array, least: Array, t
         exact = max(mean, np.abs(primal).max()) <= _EXACT
         if exact and (off <= 100 * _EXACT or (mean <= 2 * _LEAST and off >= before)):
             break
+        if mean > _CONTRADICTED:
+            break
         ratio, aim = z / slack, max(_CENTRED * mean, _LEAST) / slack - z
         hessian = (lasting.T * (2 * each / d)) @ lasting + (rows.T * ratio) @ rows
         step = _newton(hessian, (aim - ratio * primal) @ rows - dual)
@@ -74,4 +77,4 @@ def _newton(hessian: Array, right: Array) -> Array:
 
 def _most(values: Array, step: Array) -> float:
     """Largest share of a step, up to 1, that keeps values positive."""
-    return min(1.0, _SHARE * float((values / np.maximum(-step, 1e-300)).min()))
+    return min(1.0, _SHARE * float((values / np.maximum(-step, 1e-200)).min()))

@@ -40,7 +40,7 @@ def verified(
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
     ends = candidate.stage_ends or (layout.phases,)
     ends_s = [starts[end - 1] + profiles[end - 1].duration_s for end in ends]
-    done_s = _done_s(problem, ends_s, samples)
+    done_s = _done_s(problem, ends_s, samples) if problem.tasks else ()
     trajectory = Trajectory(problem, samples, phases, transitions, done_s)
     cost = cost_of(trajectory)
     fastest_cost = min(fastest_cost, cost.total)
@@ -49,8 +49,6 @@ def verified(
 
 def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tuple[float, ...]:
     """Times when tasks are done: at the end of their stages; boxes when entered."""
-    if not problem.tasks:
-        return ()
     moved = Trajectory(problem, samples, (), (), (0.0,) * len(problem.tasks))
     done, ends = [0.0], iter(ends_s)
     for stage in problem.stages()[: len(problem.tasks)]:
