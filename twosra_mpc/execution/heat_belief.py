@@ -25,9 +25,9 @@ from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 20.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
-_UNLIKE_TOLD = 12.0  # of readings near the melting point
+_UNLIKE_TOLD = 7.0, 14.0  # of readings near the melting point; of metal that freezes
 _GAIN = 0.1  # less is not worth a step
-_DOUBT_K = 0.8  # from which on the heater waits
+_DOUBT, _DOUBT_K = 0.5, 0.8  # misfit that may be the search's; from which on the heater waits
 _NOISE_K = 0.7  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
@@ -208,8 +208,8 @@ class HeatBelief(ArrayValue):
     @property
     def misfit(self) -> float:
         """Misfit of the last readings, or of what explains all; healthy segments stay below 1."""
-        costs = self.cost / _UNLIKE_COST, self.told / _UNLIKE_TOLD
-        return max(self.square_K2 / _UNLIKE_K**2, *costs)
+        told = self.told / _UNLIKE_TOLD[self.quiet_s >= _QUIET_S]
+        return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
     def heated_s(self) -> float:
@@ -294,7 +294,7 @@ class HeatBelief(ArrayValue):
         part = 1 - (1 - 1 / _LAST) ** heat.passed_s
         now = replace(now, square_K2=self.square_K2 + part * (square_K2 - self.square_K2))
         far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
-        if (far and now.wait <= 0) or now.off_K > _DOUBT_K or now.cost > _UNLIKE_COST:
+        if (far and now.wait <= 0) or now.off_K > _DOUBT_K or now.misfit > _DOUBT:
             now = now._searched(shown_C)
         if self.kinds.is_solid(shown_C) or self.kinds.is_liquid(shown_C):
             now = replace(now, blind=now.fit)
