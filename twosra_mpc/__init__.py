@@ -31,9 +31,7 @@ def exported(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]
         if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         thresholds = gc.get_threshold()
-        gc.set_threshold(
-            0
-        )  # to look for garbage meanwhile takes an eighth of the time, for nothing
+        gc.set_threshold(0)  # looking for garbage meanwhile takes an eighth of the time
         try:
             module = importlib.import_module(modules[name])
         finally:
