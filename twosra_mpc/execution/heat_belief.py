@@ -24,7 +24,7 @@ from twosra_mpc.thermal.model import Array, State
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 20.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
+_UNLIKE_COST = 40.0  # of the prior; seldom above 10 of healthy segments, and not for long
 _UNLIKE_TOLD = 7.0, 14.0  # of readings near the melting point; of metal that freezes
 _GAIN = 0.1  # less is not worth a step
 _DOUBT, _DOUBT_K = 0.5, 0.8  # misfit that may be the search's; from which on the heater waits
