@@ -324,8 +324,8 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_410, 240
-MOST_LINES = 36_110
+MOST_CORE_LINES, MOST_CORE_FILES = 29_476, 240  # 66 for a tenth less time of a plan
+MOST_LINES = 36_176
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 68  # paper-1, planned once before; two
 # more than before for starts in any state of the metal: its melt fractions, its stiffness
 
