@@ -141,7 +141,8 @@ class Sent:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """True where the robot moves from each row to the next, (m,)."""
-        return ((self.v != 0) | (self.a != 0)).any(axis=1)
+        found: NDArray[np.bool_] = ((self.v != 0) | (self.a != 0)).any(axis=1)
+        return found
 
 
 def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:

@@ -157,7 +157,8 @@ class Done(NamedTuple):
     @property
     def q(self) -> Array:
         """Configuration of the robot then, as integrated, (3 + n,)."""
-        return self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
+        found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
+        return found
 
     def number(self, name: str) -> int:
         """Number of an object, from 0."""

@@ -216,4 +216,5 @@ def _numbers(array: Array) -> list[Any]:
     """Plain lists, None where there is no number."""
     plain = array.astype(object)
     plain[np.isnan(array)] = None
-    return plain.tolist()
+    found: list[Any] = plain.tolist()
+    return found

@@ -201,7 +201,8 @@ class Motion:
     @property
     def end(self) -> Array:
         """Q after the last phase, shape (3 + n,)."""
-        return self.states[-1, -1]
+        found: Array = self.states[-1, -1]
+        return found
 
 
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:

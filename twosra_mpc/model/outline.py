@@ -48,7 +48,8 @@ class RobotShape(ArrayValue):
     @property
     def centres(self) -> Array:
         """Centres of the locomotion units, (..., 2, 2)."""
-        return self.units.mean(axis=-2)
+        found: Array = self.units.mean(axis=-2)
+        return found
 
 
 @public

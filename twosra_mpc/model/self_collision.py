@@ -90,13 +90,15 @@ class SelfCollision:
         """Separation of the two units in a shape [m]."""
         rectangles = self._rectangles(kappa)
         first, second = (rectangles[:, self.names.index(name)] for name in UNIT_NAMES)
-        return separation(first, second)
+        found: ca.SX = separation(first, second)
+        return found
 
     def least(self, kappa: ca.SX) -> ca.SX:
         """Least separation in a shape [m]."""
         rectangles = self._rectangles(kappa)
         pairs = (rectangles[:, at.tolist()] for at in (self._first, self._second))
-        return ca.mmin(separation(*pairs).T)
+        found: ca.SX = ca.mmin(separation(*pairs).T)
+        return found
 
     def separations(self, kappa: Array) -> Array:
         """Separation of each pair of rectangles in shapes (m, n), (m, pairs) [m].

@@ -63,7 +63,8 @@ class Workspace(Value):
     def margin_m(self, points: Array) -> Array:
         """Signed distance of points (..., 2) to the edges; negative outside, by the worse axis."""
         points, (low, high) = check_size("points", points, 2), self.corners_m
-        return np.minimum(points - low, high - points).min(axis=-1)
+        found: Array = np.minimum(points - low, high - points).min(axis=-1)
+        return found
 
 
 class Box(Value):

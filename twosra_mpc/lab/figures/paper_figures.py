@@ -209,7 +209,8 @@ def _draw_study(
 def _share(q: Array, target: Array) -> Array:
     """Published distance to the target as a share of the first."""
     distance = np.linalg.norm(q - target, axis=1)
-    return np.maximum(distance / distance[0], 1e-9)  # a logarithm of it is drawn
+    found: Array = np.maximum(distance / distance[0], 1e-9)
+    return found
 
 
 @cache

@@ -206,7 +206,8 @@ def checked_configuration(name: str, values: ArrayLike) -> Vector:
             f"curvatures within +-2 pi / l = +-{CURVATURE_RANGE:z.1f} 1/m, where spirals exist"
         )
         raise InputError(name, given, allowed)
-    return given
+    found: Vector = given
+    return found
 
 
 def distance(a: Vector, b: Vector) -> float:

@@ -88,7 +88,8 @@ def _error_curve(q: Array, goal: Array) -> Array:
     distance = np.linalg.norm(q - goal, axis=1)
     rows = np.linspace(0.0, 1.0, len(q))
     curve = np.interp(np.linspace(0.0, 1.0, TIMES), rows, distance / max(distance.max(), 1e-300))
-    return curve.round(6)
+    found: Array = curve.round(6)
+    return found
 
 
 class SingleMode(NamedTuple):
