@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -139,13 +140,14 @@ def test_many_configurations_are_placed_at_once() -> None:
     together = robot_shape(ROBOT.geometry, q)
     for place in np.ndindex(3, 4):
         alone: RobotShape = robot_shape(ROBOT.geometry, q[place])
-        for part, one in zip(together, alone, strict=True):
-            np.testing.assert_allclose(part[place], one, rtol=0, atol=1e-14)
+        for part in fields(RobotShape):
+            one, of_all = getattr(alone, part.name), getattr(together, part.name)[place]
+            np.testing.assert_allclose(of_all, one, rtol=0, atol=1e-14)
 
 
 def test_no_configuration_has_no_place() -> None:
     nowhere = robot_shape(ROBOT.geometry, np.zeros((0, 5)))
-    assert all(len(part) == 0 for part in nowhere)
+    assert all(len(getattr(nowhere, part.name)) == 0 for part in fields(RobotShape))
 
 
 def test_a_configuration_of_another_robot_is_refused() -> None:

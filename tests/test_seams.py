@@ -322,10 +322,10 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_410, 240
-MOST_LINES = 36_110
-MOST_LINES_OF_TESTS = 33_000
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 68  # paper-1, planned once before; two
+MOST_CORE_LINES, MOST_CORE_FILES = 28_150, 228
+MOST_LINES = 35_800
+MOST_LINES_OF_TESTS = 33_060
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 66  # paper-1, planned once before; two
 # more than before for starts in any state of the metal: its melt fractions, its stiffness
 
 

@@ -336,14 +336,14 @@ def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(connect: Connec
     firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
     with pytest.raises(
         StreamError,
-        match=r"segment 1 changing at 61\.0 C, not soft after 18\d s, planned were 63 s",
-    ):
-        send(plan, firmware, rate_Hz=SLOW_HZ)
+        match=r"segment 1 changing at 61\.0 C, not soft after 15\d s, planned were 63 s",
+    ):  # by default it is waited for three times as long, and its sensor found to lie before
+        send(plan, firmware, rate_Hz=SLOW_HZ, patience=Patience(late=2.5))
     assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
     assert_off(firmware)
 
 
-@pytest.mark.parametrize("late", [1.5, 3.0])
+@pytest.mark.parametrize("late", [1.5, 2.5])
 def test_a_mode_is_waited_for_as_long_as_the_patience_says(connect: Connected, late: float) -> None:
     plan = planned("paper-2", robot=LONG_MELTS)
     firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))

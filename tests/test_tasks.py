@@ -155,7 +155,7 @@ def test_what_only_missions_have_is_not_said_of_others() -> None:
 
 
 MISTAKES: dict[str, tuple[list[dict[str, Any]], str, str]] = {
-    "an unknown kind": ([{"do": "throw"}], "tasks.0.do", "'pass'"),
+    "an unknown kind": ([{"do": "throw"}], "tasks.0.do", "one of pass, "),
     "no kind": ([{"object": "cup"}], "tasks.0.do", "this key is required"),
     "an unknown object": ([{"do": "grasp", "object": "can"}], "tasks.0.object", "one of cup, box"),
     "an obstacle that is grasped": (

@@ -282,7 +282,7 @@ def check_writable(target: str | Path) -> None:
     try:
         real = Path(os.path.realpath(target))  # what a link points to is written
         os.stat(real)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         pass
     except (OSError, ValueError) as error:  # its name is too long, or its links go round
         reason = getattr(error, "strerror", None) or error
@@ -357,21 +357,46 @@ def write_bytes(target: str | Path, data: bytes) -> None:
 
 
 def _replace(real: Path, data: bytes, mode: int) -> None:
-    """Put a new file in the place of another, and clear what programs left that were killed."""
+    """Put a new file in the place of another; where the system can, it has no name until then."""
+    beside = real.with_name(f".{real.name[:200]}-{os.getpid()}")
+    try:
+        handle = os.open(real.parent, os.O_WRONLY | getattr(os, "O_TMPFILE", os.O_DIRECTORY), 0o600)
+        unnamed = True
+    except OSError:
+        handle = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        unnamed = False
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(handle)
+            os.chmod(handle if os.chmod in os.supports_fd else beside, mode)
+            if unnamed:
+                try:  # where nothing is to be replaced nothing else is ever seen
+                    return _name(handle, real)
+                except FileExistsError:
+                    _clear(real)
+                    _name(handle, beside)
+        beside.replace(real)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _clear(real: Path) -> None:
+    """Remove what programs have left beside a file that were killed as they gave it its name."""
     for left in real.parent.glob(f".{glob.escape(real.name[:200])}-*"):
         number = left.name.rpartition("-")[2]
         if number.isdecimal() and not Path(f"/proc/{number}").exists():
             left.unlink(missing_ok=True)
-    beside = real.with_name(f".{real.name[:200]}-{os.getpid()}")
-    try:
-        with open(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file)
-        os.chmod(beside, mode)
-        beside.replace(real)
+
+
+def _name(handle: int, path: Path) -> None:
+    """Give a file without a name one."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:  # only with a folder's descriptor the link behind /proc is followed
+        os.link(f"/proc/self/fd/{handle}", path.name, dst_dir_fd=folder)
     finally:
-        beside.unlink(missing_ok=True)
+        os.close(folder)
 
 
 def write_json(target: str | Path, document: dict[str, Any]) -> None:

@@ -35,7 +35,7 @@ _ENDS = 1.05  # of the ranges: segments at their ends
 _SURELY = 2.5  # deviations
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
-_STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
+_STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 12  # deviations of the metal's heat, in doubt
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
 _KEEPS, _KEEPS_NOT = -3, -0.8  # parameter of firmware that does not keep metal warm
@@ -339,19 +339,22 @@ class HeatBelief(ArrayValue):
         return toward / math.sqrt(float(slope @ toward))
 
     def _searched(self, shown_C: float) -> HeatBelief:
-        """Search the most probable kind by Gauss-Newton steps; in doubt, from several starts."""
+        """Search the most probable kind by damped Gauss-Newton steps, in doubt from more starts."""
         starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
         points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
-        best, least = self.fit, math.inf
+        best, least, step, left = self.fit, math.inf, self.step, math.inf
         for _ in range(_ROUNDS):
             fit = self._fitted(points)
             _, steps, cost, gain = fit.solved(self.prior)
             k = int(cost.argmin())
             if cost[k] < least:
-                best, least = fit.only(k), float(cost[k])
-            if gain.max() < _GAIN:
+                best, least, step, left = fit.only(k), float(cost[k]), steps[k], float(gain[k])
+                points = points + steps
+            else:  # too far: what is linear ends before
+                step = step / 2
+                points = best.about + step
+            if left < _GAIN:
                 break
-            points = points + steps
         now = replace(self._about(best), wait=max(_OFTEN, len(self.since) // 20))
         off_K = shown_C - now._estimate(best.segments.shown_C)[0]
         return replace(now, square_K2=min(now.square_K2, off_K**2))
