@@ -342,18 +342,17 @@ class HeatBelief(ArrayValue):
         """Search the most probable kind by damped Gauss-Newton steps, in doubt from more starts."""
         starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
         points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
-        best, least, step, left = self.fit, math.inf, self.step, math.inf
+        best, least = self.fit, np.full(len(points), math.inf)
+        ways, left = np.zeros_like(points), np.full(len(points), math.inf)
         for _ in range(_ROUNDS):
-            fit = self._fitted(points)
+            fit = self._fitted(points + ways)
             _, steps, cost, gain = fit.solved(self.prior)
-            k = int(cost.argmin())
-            if cost[k] < least:
-                best, least, step, left = fit.only(k), float(cost[k]), steps[k], float(gain[k])
-                points = points + steps
-            else:  # too far: what is linear ends before
-                step = step / 2
-                points = best.about + step
-            if left < _GAIN:
+            k, better = int(cost.argmin()), cost < least
+            best = fit.only(k) if cost[k] < least.min() else best
+            points[better] += ways[better]
+            least, left = np.where(better, cost, least), np.where(better, gain, left)
+            ways = np.where(better[:, None], steps, ways / 2)  # too far: what is linear ends before
+            if left.max() < _GAIN:
                 break
         now = replace(self._about(best), wait=max(_OFTEN, len(self.since) // 20))
         off_K = shown_C - now._estimate(best.segments.shown_C)[0]
