@@ -15,7 +15,7 @@ from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, be
 from twosra_mpc.execution.objects_seen import ObjectsSeen
 from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
-from twosra_mpc.execution.segment_watch import SegmentWatch
+from twosra_mpc.execution.segment_watch import SUPERHEATED_S, SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -27,7 +27,6 @@ _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 _CLEARLY_S = 6.0  # for which metal surely stays soft without heat that is soft clearly
-_SUPERHEATED_S = 10.0  # more would have to be waited for when it is to freeze
 _MOVED_K = 1.0  # of a reading in 20 s that does not stand still as metal does that changes
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
 
@@ -345,7 +344,7 @@ class Belief:
     def _believed(self, segment: int, reported: KnownStiffness | None) -> KnownStiffness | None:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
         watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
-        watch.superheated = coasts_s >= _SUPERHEATED_S
+        watch.superheated = coasts_s >= SUPERHEATED_S
         goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
         if goes_on or (coasts_s >= _CLEARLY_S and watch.moved_K >= _MOVED_K):
             return "soft"

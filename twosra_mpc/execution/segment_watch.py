@@ -55,6 +55,7 @@ _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not be
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _SWITCHED_S = 10.0  # for which a switch that keeps metal warm is looked at: it may be a fast one
+SUPERHEATED_S = 10.0  # of coasting: more would have to be waited for when it is to freeze
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
 _MORE_K = 3.0  # as much as a sensor may show too much
 
