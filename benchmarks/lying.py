@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.execution.segment_watch import SUPERHEATED_S, SegmentError, SegmentWatch
+from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model
 
@@ -266,7 +266,6 @@ def watched(robot: Robot, seed: int, lie: str = "", lasts_s: float = _LONGEST_S)
                 host.watch.take(now_s, host.asked_C, segment.shown_C, told, False, segment.told_A)
             except SegmentError as error:
                 cause, words = error.cause, str(error)
-            host.watch.superheated = host.watch.coasts_s >= SUPERHEATED_S  # as a belief has it
             host.decide(now_s, told)
     hottest_C = max(segment.metal.hottest_C for segment in segments)
     counted = sum(host.melts for host in hosts), max(host.slowest_s for host in hosts)

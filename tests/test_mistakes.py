@@ -174,6 +174,8 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("simulate paper-1 --seed one", ("'--seed'", "Give a whole number.")),
     ("plan paper-1 paper-2", ("One scenario at a time; twosra batch plans many.",)),
     ("plan paper-1 --out plan.xml", ("plan.xml", "a file ending in .json")),
+    ("report plan.json -o report.html", ("OUT stands last, without an option", "report.html")),
+    ("plan 2sra-v1", ("this is one of the robots",)),
     ("plan paper-1 --proof --planner greedy", ("--proof", "the greedy rule has none")),
     ("plan log.csv", ("this looks like a table (CSV)",)),
     ("plan map.json", ("this is a GeoJSON file, for obstacles = of a scenario",)),

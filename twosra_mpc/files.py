@@ -73,9 +73,11 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     path = Path(source)
     if os.path.exists(path) and not os.path.isdir(path):  # a pipe is as good as a file
         return path
-    hint = (
-        "this is a folder." if os.path.isdir(path) else near_word(source, [*names, *_beside(path)])
-    )
+    hint = near_word(source, [*names, *_beside(path)])
+    for other in {"robots", "scenarios"} - {folder}:
+        if str(source) in built_in_names(other):
+            hint = f"this is one of the {other}."
+    hint = "this is a folder." if os.path.isdir(path) else hint
     allowed = f"a file that exists, or one of {', '.join(names)}"
     raise InputError(field, str(source), allowed, hint=hint)
 

@@ -195,8 +195,18 @@ class NewFile(click.Path):
 
 
 def out_argument(check: Check) -> Decorator:
-    """Add OUT, the file to write."""
-    return click.argument("out", type=NewFile(check))
+    """Add OUT, the file to write; who names it by an option is told where it stands."""
+
+    def told(ctx: click.Context, _: click.Parameter, given: str | None) -> None:
+        if given is not None:
+            usage = " ".join(ctx.command.collect_usage_pieces(ctx)[1:-1])
+            ctx.fail(f"OUT stands last, without an option: {ctx.command_path} {usage} {given}")
+
+    named = click.option(
+        "-o", "--out", "_", hidden=True, is_eager=True, expose_value=False, callback=told
+    )
+    argument = click.argument("out", type=NewFile(check))
+    return lambda function: argument(named(function))
 
 
 def ending(*allowed: str) -> Check:

@@ -15,7 +15,7 @@ from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, be
 from twosra_mpc.execution.objects_seen import ObjectsSeen
 from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
-from twosra_mpc.execution.segment_watch import SUPERHEATED_S, SegmentWatch
+from twosra_mpc.execution.segment_watch import SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -344,7 +344,6 @@ class Belief:
     def _believed(self, segment: int, reported: KnownStiffness | None) -> KnownStiffness | None:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
         watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
-        watch.superheated = coasts_s >= SUPERHEATED_S
         goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
         if goes_on or (coasts_s >= _CLEARLY_S and watch.moved_K >= _MOVED_K):
             return "soft"

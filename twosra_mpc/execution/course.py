@@ -27,7 +27,6 @@ from twosra_mpc.robot.modes import Mode, Stiffness, mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
 
-_COASTING_S = 1.0  # before metal may freeze that coasts, it is heated again
 _WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
 
 
@@ -37,12 +36,10 @@ class Progress(NamedTuple):
     Attributes:
         clock_s: Time of the plan; it stands at a phase's start until the phase can begin.
         done: How many phases have ended.
-        coasts_s: Times for which segments surely stay soft without heat while a phase is driven.
     """
 
     clock_s: float = 0.0
     done: int = 0
-    coasts_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,9 +104,6 @@ class HeaterSchedule:
     def _commanded(self, item: Transition, now: Progress) -> bool:
         before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
         early = item.to == "rigid" and before > 0  # the plan let it coast
-        if item.to == "rigid" and now.done == before - 1 and now.coasts_s:
-            left_s = self.plan.phases[now.done].end_s - now.clock_s
-            return left_s + _COASTING_S <= now.coasts_s[item.segment - 1]
         return now.done >= before and (early or _reached(now, item.heater_s))
 
 

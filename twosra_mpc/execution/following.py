@@ -75,10 +75,7 @@ class Following:
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
-        progress = self.course.progress
-        if self._driving is not None:
-            progress = progress._replace(coasts_s=tuple(self.belief.coasts_s.tolist()))
-        return self.course.schedule.setpoints(progress)
+        return self.course.schedule.setpoints(self.course.progress)
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""

@@ -25,7 +25,7 @@ from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 40.0  # of the prior; seldom above 10 of healthy segments, and not for long
-_UNLIKE_TOLD = 7.0, 14.0  # of readings near the melting point; of metal that freezes
+_UNLIKE_TOLD, _DOUBT_TOLD = 14.0, 7.0  # of readings near the melting point; the heater waits
 _GAIN = 0.1  # less is not worth a step
 _DOUBT, _DOUBT_K = 0.5, 0.8  # misfit that may be the search's; from which on the heater waits
 _NOISE_K = 0.7  # of a reading a second: neighbours err alike
@@ -208,7 +208,9 @@ class HeatBelief(ArrayValue):
     @property
     def misfit(self) -> float:
         """Misfit of the last readings, or of what explains all; healthy segments stay below 1."""
-        told = self.told / _UNLIKE_TOLD[self.quiet_s >= _QUIET_S]
+        told = (
+            0.0 if self.quiet_s >= _QUIET_S else self.told / _UNLIKE_TOLD
+        )  # off, nothing is urgent
         return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
@@ -371,7 +373,9 @@ class HeatBelief(ArrayValue):
             _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
-        return replace(now, cut=hot or self.off_K > _DOUBT_K or now.misfit >= 1.0)
+        return replace(
+            now, cut=hot or self.off_K > _DOUBT_K or told >= _DOUBT_TOLD or now.misfit >= 1.0
+        )
 
     def _hot(self, cut: bool) -> bool:
         """True if metal may come too near to its limit before the next reading."""

@@ -54,8 +54,8 @@ _STANDS = 4  # of them that are the same
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
-_SWITCHED_S = 10.0  # for which a switch that keeps metal warm is looked at: it may be a fast one
-SUPERHEATED_S = 10.0  # of coasting: more would have to be waited for when it is to freeze
+_SWITCHED = 0.3  # share of full heat by which one looked at in step with its switch is off
+_SWITCHED_S = 10.0  # for which such a switch is looked at
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
 _MORE_K = 3.0  # as much as a sensor may show too much
 
@@ -107,7 +107,6 @@ class SegmentWatch:
 
     Attributes:
         doubted: True if it did not bend although it was called soft: its sensor may show too much.
-        superheated: True if the heater rests: more heat would only have to be waited for.
         belief: About its heat; None of a robot that does not describe, or not report, it.
     """
 
@@ -133,7 +132,7 @@ class SegmentWatch:
         """
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater, self._air_C = robot.heater, air_C
-        self.doubted = self.superheated = False
+        self.doubted = False
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
         self._start_C = air_C if start_C is None else start_C
         self.belief: HeatBelief | None = None
@@ -184,7 +183,7 @@ class SegmentWatch:
         A sensor that shows too much makes its controller hold metal that is still melting, with
         little current: a segment that was doubted is asked for more until it must be liquid.
         """
-        if self.superheated or (self.belief is not None and self.belief.cut):
+        if self.belief is not None and self.belief.cut:
             return min(setpoint_C, self._heater.rigid_setpoint_C)
         melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
         return setpoint_C + _MORE_K * melts
@@ -277,8 +276,8 @@ class SegmentWatch:
         if current_A is not None:
             was, self._was = self._was, (current_A / heater.melt_current_A) ** 2
             self._mean += (self._was - self._mean) * -math.expm1(-passed_s / _SWITCHED_S)
-            if self._asked == "warm" and was + self._was < 2.0:
-                return Heat(passed_s, self._mean, min(self._mean, 1.0 - self._mean))
+            if self._asked == "warm" and (was + self._was < 2.0 or now_C > sent_C - _BAND_K):
+                return Heat(passed_s, self._mean, _SWITCHED)
             return Heat(passed_s, (was + self._was) / 2, abs(self._was - was) * _EDGE)
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
