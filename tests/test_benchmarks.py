@@ -57,7 +57,7 @@ from twosra_mpc.robot.modes import RIGID, SOFT_1
 
 TINY = ('problems=["tiny:2"]', "repeats=1")
 ONE = 'problems=["published:1"]'
-GOALS = ("goals", "count=12")
+GOALS = ("goals", "count=40")
 
 
 def arguments(folder: Path, name: str, *settings: str) -> list[str]:

@@ -199,10 +199,11 @@ def elsewhere(seed: str) -> dict[str, str]:
 
 def test_the_plan_is_the_same_beside_a_load_with_other_hashes_and_after_other_plans() -> None:
     """To the byte: cold, and with everything known that earlier plans of a process leave."""
-    with ThreadPoolExecutor(1) as at_once:  # each is the other's load
-        other = at_once.submit(elsewhere, "1")
-        twice = [{name: as_written(plan(stopped(name))) for name in STOPPED} for _ in range(2)]
-    assert twice == [other.result()] * 2
+    with ThreadPoolExecutor(2) as at_once:  # each is the other's load
+        others = list(at_once.map(elsewhere, ("1", "2")))
+    twice = [{name: as_written(plan(stopped(name))) for name in STOPPED} for _ in range(2)]
+    assert others == twice
+    assert twice[0] == twice[1]
 
 
 @pytest.mark.parametrize(

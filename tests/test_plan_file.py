@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -704,7 +705,12 @@ def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Result) -> None:
 # --- atomic writing ------------------------------------------------------------------------------
 
 
-def test_a_file_is_replaced_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("named", [False, True])
+def test_a_file_is_replaced_as_a_whole(
+    named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if named:  # as where a file cannot be without a name
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
     target, seen = tmp_path / "some.txt", list[str]()
     write_text(target, "old")
     target.chmod(0o600)
@@ -721,14 +727,18 @@ def test_a_file_is_replaced_as_a_whole(tmp_path: Path, monkeypatch: pytest.Monke
     assert target.stat().st_mode & 0o777 == 0o600
 
 
+@pytest.mark.parametrize("named", [False, True])
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
 @pytest.mark.parametrize("before", ["old", None])
 def test_a_failure_while_writing_changes_nothing(
     error: type[BaseException],
     before: str | None,
+    named: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if named:
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
     target = tmp_path / "some.txt"
     if before is not None:
         target.write_text(before, encoding="utf-8")
@@ -744,6 +754,20 @@ def test_a_failure_while_writing_changes_nothing(
     assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == (
         [before] if before is not None else []
     )
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files have names here")
+def test_a_killed_program_leaves_no_temporary_file(tmp_path: Path) -> None:
+    killed = (
+        "import os, signal, sys; from twosra_mpc.files import write_text\n"
+        "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "write_text(sys.argv[1], 'new')"
+    )
+    target = tmp_path / "some.txt"
+    target.write_text("old", encoding="utf-8")
+    ended = subprocess.run([sys.executable, "-c", killed, str(target)], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == ["old"]
 
 
 def test_what_a_link_points_to_is_written_and_a_pipe_is_written_through(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
         32,
     ),
     ("slow", rows(OFF_C, lambda t: 55 - 0.05 * t, "changing", 2000), "cooling", 100),
-    ("weak", rows(SOFT_C, lambda t: 25 + 0.35 * t + noise(t), "changing", 2000), "sensor", 100),
+    ("weak", rows(SOFT_C, lambda t: 25 + 0.35 * t + noise(t), "changing", 2000), "sensor", 60),
     ("jump", rows(OFF_C, lambda t: 40 + noise(t) + 9 * (t > 20), "rigid", 60), "sensor", 30),
     ("drift", rows(OFF_C, lambda t: 25 - 0.5 * t + noise(t), "rigid", 60), "sensor", 30),
     ("shows too much", rows(SOFT_C, lambda t: 66.2 + noise(t), "soft", 99), "sensor", 60),

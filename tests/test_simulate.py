@@ -166,7 +166,7 @@ def test_the_figure_shows_what_was_planned_and_what_happened(
     assert (tmp_path / "run.pdf").read_bytes().startswith(b"%PDF")
     titles = {ax.get_title() for ax in figure.axes}
     drives = joined_drives(replanned.run)
-    assert sum(": [" in title for title in titles) == len(drives) >= 3
+    assert sum(": [" in title for title in titles) == len(drives) >= 4
     labels = {line.get_label() for ax in figure.axes for line in ax.get_lines()}
     assert {"planned", "camera", "by the sensor", r"$\kappa_1$", "wheel 4"} <= labels
     assert "planned again once" in run_title(replanned.run)

@@ -26,7 +26,7 @@ from twosra_mpc.robot.modes import Mode, is_rigid
 _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
-_CLEARLY_S = 6.0  # for which metal surely stays soft without heat that is soft clearly
+_CLEARLY_S = 12.0  # for which metal surely stays soft without heat that is soft clearly
 _MOVED_K = 1.0  # of a reading in 20 s that does not stand still as metal does that changes
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
 

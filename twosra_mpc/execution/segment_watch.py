@@ -54,8 +54,6 @@ _STANDS = 4  # of them that are the same
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
-_SWITCHED = 0.3  # share of full heat by which one looked at in step with its switch is off
-_SWITCHED_S = 10.0  # for which such a switch is looked at
 _EDGE = 0.4  # share of a period within which a switch, or a current, changed
 _MORE_K = 3.0  # as much as a sensor may show too much
 
@@ -144,7 +142,7 @@ class SegmentWatch:
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
         self._usual_K, self._readings = 0.0, 0
-        self._was, self._mean, self._recent_s = 0.0, 0.0, -math.inf
+        self._was, self._recent_s = 0.0, -math.inf
         self._recent_C: deque[float] = deque(maxlen=_RECENT)
 
     @property
@@ -275,9 +273,6 @@ class SegmentWatch:
         soft, before_C = self._asked == "soft", min(self._last_C, _HOTTEST_C)
         if current_A is not None:
             was, self._was = self._was, (current_A / heater.melt_current_A) ** 2
-            self._mean += (self._was - self._mean) * -math.expm1(-passed_s / _SWITCHED_S)
-            if self._asked == "warm" and (was + self._was < 2.0 or now_C > sent_C - _BAND_K):
-                return Heat(passed_s, self._mean, _SWITCHED)
             return Heat(passed_s, (was + self._was) / 2, abs(self._was - was) * _EDGE)
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K

@@ -119,8 +119,8 @@ class ReportedSegment:
     current that holds, or more: so it goes off a little before the set-point.
 
     Attributes:
-        current_A: Current since it was last switched; None where it is on and a ``hold_duty`` of 1
-            says that the firmware regulates: it does not tell.
+        current_A: Current since it was last switched; None where a ``hold_duty`` of 1 says that the
+            firmware regulates: it does not tell.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class ReportedSegment:
         """Start with the first reports of a segment that has rested."""
         self._controller = stiffness_controller(robot, air_C, segment)
         self._heater, self._recent_C = robot.heater, first_C[-MEDIAN_OF:]
-        self.current_A: float | None = 0.0
+        self.current_A: float | None = None if robot.heater.hold_duty == 1.0 else 0.0
         self._last_s, self._state = now_s, self._controller.start(statistics.median(self._recent_C))
 
     @property
@@ -154,7 +154,7 @@ class ReportedSegment:
         """True if the controller would let the current flow that holds, or more."""
         heater = self._heater
         on = asked and self._state.current_A >= heater.hold_current_A
-        self.current_A = None if on and heater.hold_duty == 1.0 else on * heater.melt_current_A
+        self.current_A = None if heater.hold_duty == 1.0 else on * heater.melt_current_A
         return on
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
