@@ -129,6 +129,17 @@ def test_a_short_drive_shows_where_the_markers_are() -> None:
     np.testing.assert_allclose(found.markers.frame, FRAME, atol=6e-3)
 
 
+def test_wheels_that_slip_are_betrayed_by_the_residual() -> None:
+    q, straight = drive(), np.zeros(5)
+    turned = np.diff(q[:, 2])
+    slipped = [straight]
+    for step, turn in zip(np.diff(q[:, :2], axis=0), turned, strict=True):
+        slipped.append(slipped[-1] + 0.95 * np.array([*step, turn, 0.0, 0.0]))
+    poses = np.array([marker_poses(ROBOT, PAIR, each) for each in slipped])
+    found = calibrated_markers(ROBOT, PAIR, q, poses)
+    assert found.residual > 2.0  # without noise
+
+
 def test_a_drive_that_does_not_turn_shows_nothing() -> None:
     q = drive()[31:]
     poses = np.array([marker_poses(ROBOT, PAIR, each) for each in q])
