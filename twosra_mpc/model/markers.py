@@ -6,9 +6,9 @@ fixed at :math:`m_i` in the frame of its link, :math:`l_i(q)`, so that it is see
 .. math:: p_i = f \circ q_{0} \circ l_i(q) \circ m_i,
 
 with :math:`q_0` the pose of b0 and f that of the frame of the plan in the tracker's. Two markers
-have six numbers, and a robot of two segments five: what is left over, the residual, tells markers
-that have moved or are mixed up. `configuration_by_markers` solves for q, `calibrated_markers` for m
-and f.
+have six numbers, and a robot of two segments five: the one that is left over seldom tells that a
+marker has moved, for another shape explains it; three markers do. `configuration_by_markers` solves
+for q, `calibrated_markers` for m and f.
 """
 
 from __future__ import annotations
