@@ -94,7 +94,7 @@ def _measure(name: str, out: Path | None, size: str, settings: dict[str, Any]) -
         if not run_study(study, log, console):
             console.print(f"interrupted; run again to go on from {log.path}", highlight=False)
             sys.exit(_INTERRUPTED)
-        console.print(f"{name}: {sum(log.cpu_s):z.0f} s of CPU", highlight=False)
+        console.print(f"{name}: {sum(log.cpu_s.values()):z.0f} s of CPU", highlight=False)
         sys.stdout.write(write_report(study, log, folder))
 
 
@@ -170,7 +170,7 @@ def record(folder: Path) -> list[Path]:
         "date": max(log.dates, default=""),
         "commit": commit_of(study.measures, records.ROOT),
         "cases": len(log.cpu_s),
-        "cpu_s": round(sum(log.cpu_s), 1),
+        "cpu_s": round(sum(log.cpu_s.values()), 1),
         **{key: about[key] for key in ("settings", "machine", "versions")},
         "measures": {path: source_digest(records.ROOT / path) for path in study.measures},
     }

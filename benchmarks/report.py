@@ -64,7 +64,8 @@ def _template(study: Study) -> Template:
 def _given(study: Study, log: RunLog, folder: Path) -> dict[str, Any]:
     """All that templates may ask for."""
     results = results_of(study, log)
-    given = {"study": study, "results": results, "cpu_s": sum(log.cpu_s), "about": log.about}
+    cpu_s = sum(log.cpu_s.values())
+    given = {"study": study, "results": results, "cpu_s": cpu_s, "about": log.about}
     told = study.report(results)
     for file, draw in told.pop("figures", {}).items():
         draw(folder / file)

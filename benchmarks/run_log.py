@@ -27,7 +27,7 @@ class RunLog:
     Attributes:
         path: The file.
         about: What made all its records.
-        cpu_s: CPU time that each case took [s].
+        cpu_s: CPU time that each case took [s]; of one that stands there twice, the later one's.
         dates: Days on which cases were finished, e.g. ``2026-11-23``.
         dropped: Whether half a line was found at the end, and dropped.
     """
@@ -39,7 +39,7 @@ class RunLog:
             InputError: If the records in it were made by something else (naming the first that
                 differs), it holds something else than records, or it cannot be written.
         """
-        self.path, self.cpu_s, self.dates = folder / NAME, list[float](), set[str]()
+        self.path, self.cpu_s, self.dates = folder / NAME, dict[str, float](), set[str]()
         self.about = json.loads(json.dumps({"format": FORMAT, **about}))
         self._records: dict[str, Any] = {}
         try:
@@ -78,8 +78,8 @@ class RunLog:
         self._keep(**line)
 
     def _keep(self, case: Mapping[str, Any], cpu_s: float, date: str, record: Any) -> None:
-        self._records[json.dumps(case)] = record
-        self.cpu_s.append(float(cpu_s))
+        key = json.dumps(case)
+        self._records[key], self.cpu_s[key] = record, float(cpu_s)
         self.dates.add(str(date))
 
     def _write(self, line: Mapping[str, Any]) -> None:

@@ -209,6 +209,13 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, swallows:
     assert [made["number"] for _, made in results_of(rest, RunLog(tmp_path, {}))] == [0, 1, 2, 3, 4]
 
 
+def test_a_case_that_two_processes_measured_counts_once(tmp_path: Path) -> None:
+    both = RunLog(tmp_path, {}), RunLog(tmp_path, {})
+    for log, took_s in zip(both, (2.0, 3.0), strict=True):
+        log.append({"number": 0}, {"number": 0}, took_s)
+    assert RunLog(tmp_path, {}).cpu_s == {'{"number": 0}': 3.0}
+
+
 def test_half_a_line_is_dropped_with_a_word_wherever_it_ends(tmp_path: Path) -> None:
     study = Counting()
     log = RunLog(tmp_path, {"a": 1})
