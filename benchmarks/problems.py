@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,34 +26,34 @@ def set_names() -> list[str]:
 
 
 @lru_cache
-def load_set(name: str) -> Mapping[str, Problem]:
-    """Label -> problem of a set.
+def load_set(name: str, first: int = MOST) -> Mapping[str, Problem]:
+    """Label -> problem of a set, or of the first so many of what is random in it.
 
     What is random is drawn again where units would overlap, or the robot would touch something.
     """
-    return read_set(FOLDER / f"{name}.toml")
+    return read_set(FOLDER / f"{name}.toml", first)
 
 
-def read_set(path: Path) -> Mapping[str, Problem]:
-    """Label -> problem of a set in a file.
+def read_set(path: Path, first: int = MOST) -> Mapping[str, Problem]:
+    """Label -> problem of a set in a file, or of the first so many of what is random in it.
 
     Raises:
         InputError: If the file cannot be read, or tells no problems.
     """
     with reading(str(path)):
-        return _of_set(path.stem, read_document(path, str(path)))
+        return _of_set(path.stem, read_document(path, str(path)), first)
 
 
-def _of_set(name: str, data: dict[str, Any]) -> Mapping[str, Problem]:
+def _of_set(name: str, data: dict[str, Any], first: int) -> Mapping[str, Problem]:
     if data.get("count", 0) > MOST:
         raise InputError("count", data["count"], f"at most {MOST} problems")
     if "scenarios" in data:
         return FrozenDict(dict(_published(data["scenarios"], data["robots"])))
     if "obstacles" in data:
-        return FrozenDict(dict(scenes(name, **data)))
+        return FrozenDict(dict(islice(scenes(name, **data), first)))
     drawn = RandomSet(**data)
     robot, named = load_robot(drawn.robot), dict[str, Problem]()
-    for number, (start, goal) in enumerate(drawn.ends(robot)):
+    for number, (start, goal) in enumerate(islice(drawn.ends(robot), first)):
         named[f"{name}/{number}"] = Problem(robot=robot, start=Start(**start), goal=Goal(**goal))
     return FrozenDict(named)
 
@@ -74,8 +75,9 @@ def labelled(choices: Sequence[str]) -> Mapping[str, Problem]:
     """
     named: dict[str, Problem] = {}
     for choice in _known(choices):
-        name, _, first = choice.partition(":")
-        named |= list(load_set(name).items())[: int(first) if first else None]
+        name, _, told = choice.partition(":")
+        first = int(told or MOST)
+        named |= list(load_set(name, first).items())[:first]
     return FrozenDict(named)
 
 
