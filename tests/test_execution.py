@@ -71,7 +71,7 @@ def test_without_disturbance_what_is_executed_is_what_was_planned(
 
 RUNS = [  # scenario, seed, robot and level; three segments are planned again for half a minute
     ("paper-3", 3, ARC, "hard"),  # unequal bends: what one segment lacks it bends alone afterwards
-    ("paper-2", 2, ARC, "hard"),
+    ("paper-2", 2, ARC, "moderate"),
     ("paper-2", 3, "2sra-v1-paper", "moderate"),
     ("three-segments", 3, "3sra", "mild"),
 ]
@@ -140,12 +140,13 @@ def test_a_run_is_saved_as_plain_numbers() -> None:
 
 
 def test_a_seed_is_a_run() -> None:
-    first = simulated("paper-2", 2)
-    second = simulate(problem(), seed=2, plan=planned("paper-2", robot=ARC))
+    """Also while metal changes: see test_controller."""
+    first = simulated("rigid-move", 1)
+    second = simulate(problem("rigid-move"), seed=1, plan=planned("rigid-move", robot=ARC))
     assert (first.truth.q == second.truth.q).all()
     assert first.run.events == second.run.events
     assert first.metrics == second.metrics
-    assert simulated("rigid-move", 1).metrics != simulated("rigid-move", 2).metrics
+    assert first.metrics != simulated("rigid-move", 2).metrics
 
 
 # --- events --------------------------------------------------------------------------------------
