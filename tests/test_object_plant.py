@@ -16,6 +16,7 @@ from twosra_mpc.contact.touch import grasp_touches
 from twosra_mpc.execution.simulation.object_plant import SQUEEZED_M, ObjectPlant
 from twosra_mpc.robot.coordinates import POSE, composed, inverse
 from twosra_mpc.space.footprint import footprints
+from twosra_mpc.space.penetration import Pieces
 from twosra_mpc.space.separation import placed
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ def driven(plant: ObjectPlant, kappa: Any, *poses: Any) -> Array:
 def depth_m(problem: Problem, pose: Array, q: Array) -> float:
     """How deep a disc lies in the robot."""
     pieces = placed(footprints(ROBOT.geometry, q[None, POSE:], 5e-5)[0][0], q[None, :POSE])[0]
-    found = ObjectPlant(problem, ROBOT.geometry)._things[0].deepest(pose, pieces)
+    found = ObjectPlant(problem, ROBOT.geometry)._things[0].deepest(pose, Pieces(pieces))
     return 0.0 if found is None else found.depth_m
 
 

@@ -95,10 +95,11 @@ def fitted(problem: Problem, q: Array, poses: Array, held: list[int]) -> Array:
 def _moved_out(problem: Problem, q: Array, pose: Array, thing: Thing) -> bool:
     """Move an object out of the robot, and return whether that could be done; pose is changed."""
     from twosra_mpc.space.footprint import footprint
+    from twosra_mpc.space.penetration import Pieces
     from twosra_mpc.space.separation import placed
 
     pieces = footprint(problem.robot.geometry, q[POSE:], _SAGITTA_M).outer
-    around = placed(pieces, q[None, :POSE])[0]
+    around = Pieces(placed(pieces, q[None, :POSE])[0])
     for _ in range(_TRIES):
         contact = thing.deepest(pose, around)
         if contact is None or contact.depth_m <= _OVERLAP_M:

@@ -32,6 +32,16 @@ class Contact(NamedTuple):
     piece: int
 
 
+class Pieces:
+    """Convex polygons of as many corners each, counter-clockwise, (p, k, 2), and their sides."""
+
+    def __init__(self, corners: Array) -> None:
+        self.corners = corners
+        self.ahead = np.roll(corners, -1, axis=1) - corners
+        self.squared = (self.ahead**2).sum(axis=-1)
+        self.normals, self.reach = _sides(corners)
+
+
 class Thing:
     """An object's shape for contact: a disc as it is, anything else as convex parts.
 
@@ -57,8 +67,8 @@ class Thing:
         turn = rotation(pose[2])
         return [part @ turn + pose[:2] for part in self.parts]
 
-    def deepest(self, pose: Array, pieces: Array) -> Contact | None:
-        """Deepest contact with pieces (p, k, 2), counter-clockwise; None where there is none."""
+    def deepest(self, pose: Array, pieces: Pieces) -> Contact | None:
+        """Deepest contact with pieces; None where there is none."""
         if self.disc_m is not None:
             found = _of_disc(pose[:2], self.disc_m, pieces)
         else:
@@ -81,40 +91,38 @@ def _sides(corners: Array) -> tuple[Array, Array]:
     return normals, (normals * corners).sum(axis=-1)
 
 
-def _of_disc(centre: Array, radius_m: float, pieces: Array) -> Contact:
-    ahead = np.roll(pieces, -1, axis=1) - pieces
-    share = ((centre - pieces) * ahead).sum(axis=-1) / (ahead**2).sum(axis=-1)
-    nearest = pieces + share.clip(0.0, 1.0)[..., None] * ahead
+def _of_disc(centre: Array, radius_m: float, pieces: Pieces) -> Contact:
+    share = ((centre - pieces.corners) * pieces.ahead).sum(axis=-1) / pieces.squared
+    nearest = pieces.corners + share.clip(0.0, 1.0)[..., None] * pieces.ahead
     away = np.linalg.norm(centre - nearest, axis=-1)
-    normals, reach = _sides(pieces)
-    beyond = normals @ centre - reach  # of each side
-    inside: NDArray[np.bool_] = np.all(beyond <= 0, axis=1)
-    distance = np.where(inside, beyond.max(axis=1), away.min(axis=1))
+    beyond = (pieces.normals @ centre - pieces.reach).max(axis=1)  # of the farthest side
+    inside = beyond <= 0
+    distance = np.where(inside, beyond, away.min(axis=1))
     piece = int(distance.argmin())
     side = int(away[piece].argmin())
-    way = normals[piece, side]
+    way = pieces.normals[piece, side]
     if not inside[piece] and away[piece, side] > 0:
         way = (centre - nearest[piece, side]) / away[piece, side]
     return Contact(radius_m - float(distance[piece]), way, nearest[piece, side], piece)
 
 
-def _of_part(part: Array, pieces: Array) -> Contact:
+def _of_part(part: Array, pieces: Pieces) -> Contact:
     """By separating axes; ways through a side that another piece hides do not lead out."""
     own, own_reach = _sides(part)
-    normals, reach = _sides(pieces)
-    by_part = (pieces @ own.T).min(axis=1) - own_reach
+    corners, normals, reach = pieces.corners, pieces.normals, pieces.reach
+    by_part = (corners @ own.T).min(axis=1) - own_reach
     by_piece = (normals @ part.T).min(axis=-1) - reach
     apart = np.maximum(by_part.max(axis=1), by_piece.max(axis=1))
     touched = np.flatnonzero(apart < 0)
     deepest = Contact(0.0, np.zeros(2), np.zeros(2), 0)
     for piece in touched.tolist():
-        middles = (pieces[piece] + np.roll(pieces[piece], -1, axis=0)) / 2
+        middles = corners[piece] + pieces.ahead[piece] / 2
         hidden = _within(middles, np.delete(normals, piece, 0), np.delete(reach, piece, 0))
         depths = np.concatenate([-by_part[piece], np.where(hidden, np.inf, -by_piece[piece])])
         least = int(depths.argmin())
         if depths[least] > deepest.depth_m:
             way = np.concatenate([-own, normals[piece]])[least]
-            at = _shared(part, pieces[piece])
+            at = _shared(part, corners[piece])
             deepest = Contact(float(depths[least]), way, at, piece)
     return deepest
 

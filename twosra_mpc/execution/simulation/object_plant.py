@@ -22,7 +22,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import footprints
-from twosra_mpc.space.penetration import Contact, Thing
+from twosra_mpc.space.penetration import Contact, Pieces, Thing
 from twosra_mpc.space.separation import arms_m, placed
 
 _Touch = tuple[int, Contact, int | str | None]
@@ -49,7 +49,7 @@ class ObjectPlant:
         self._things = [Thing(item) for item in problem.objects]
         self._radii_m = np.array([thing.radius_m for thing in self._things])
         self._walls = [
-            (name, part[None])
+            (name, Pieces(part[None]))
             for name, item in zip(problem.world.names, problem.obstacles, strict=True)
             for part in convex_parts(item.corners_m)
         ]
@@ -81,8 +81,9 @@ class ObjectPlant:
     def _give_way(self, before: Array, after: Array) -> None:
         """Move objects out of the robot, and then out of each other and of what stands."""
         rested, held_m = self.poses.copy(), np.zeros(len(self._things))
+        robot = Pieces(after)
         for _ in range(_ROUNDS):
-            touches = list(self._touches(after, (self.poses != rested).any(axis=1)))
+            touches = list(self._touches(robot, (self.poses != rested).any(axis=1)))
             if not touches:
                 return
             i, contact, by = max(touches, key=lambda touch: touch[1].depth_m)
@@ -101,16 +102,16 @@ class ObjectPlant:
             self.squeezed = f"{self._names[i]} in {what} by {1e3 * contact.depth_m:z.1f} mm"
 
     def _touches(
-        self, robot: Array, moved: Array
+        self, robot: Pieces, moved: Array
     ) -> Iterator[tuple[int, Contact, int | str | None]]:
         """Overlaps: object, how, and by what: another object, a wall, or None, the robot."""
         for i, thing in enumerate(self._things):
-            sets: list[tuple[Array, int | str | None]] = [(robot, None)]
+            sets: list[tuple[Pieces, int | str | None]] = [(robot, None)]
             if moved[i]:
                 sets += [(part, name) for name, part in self._walls]
             for j, other in enumerate(self._things):
                 if j != i and (moved[i] or moved[j]):
-                    sets += [(part[None], j) for part in other.placed(self.poses[j])]
+                    sets += [(Pieces(part[None]), j) for part in other.placed(self.poses[j])]
             for pieces, by in sets:
                 contact = thing.deepest(self.poses[i], pieces)
                 if contact is not None and contact.depth_m > TOUCH_M:
