@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError, InputWarning
+from twosra_mpc.errors import InputError, doubt
 from twosra_mpc.files import read_document, reading
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
@@ -68,7 +67,7 @@ def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[O
 def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tuple[Obstacle, ...]:
     single = isinstance(geometries, Mapping) or hasattr(geometries, "__geo_interface__")
     frames = {str(frame): frame for frame in _frames_of(geometries) if frame is not None}
-    doubts = [doubt for frame in frames.values() for doubt in _doubts_about_frame(frame)]
+    doubts = [each for frame in frames.values() for each in _doubts_about_frame(frame)]
     if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
         hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
         raise InputError(
@@ -89,8 +88,8 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     if left_out:
         doubts.append(f"features without a geometry are left out: {len(left_out)}")
     doubts += _doubts_about_lengths([polygon.bounds for _, polygon in found])
-    for doubt in doubts:
-        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=3)
+    for each in doubts:
+        doubt(f"{source}: {each}")
     pieces = [(name, piece) for name, polygon in found for piece in without_holes(polygon)]
     return tuple(_named(pieces))
 
