@@ -35,7 +35,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from twosra_mpc.arguments import MADE_BY, public
 from twosra_mpc.errors import MISSING, InputError, doubt, is_users
-from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
+from twosra_mpc.keys import describe, key_of, near_key, near_number, near_word, plain_words, unit_of
 
 
 def plain(value: object) -> object:
@@ -304,12 +304,12 @@ class FrozenDict(dict[Key, Item]):
 
 def missing(field: str) -> InputError:
     """Return the error of a key that must be there and is not."""
-    return InputError(field, MISSING, f"this key is required ({describe(field)})")
+    return InputError(field, MISSING, f"this key is required ({describe(key_of(field))})")
 
 
 def _described(field: str) -> str:
     """Description of a field, in brackets; empty where its name says all there is to say."""
-    key = next((part for part in reversed(field.split(".")) if not part.isdigit()), "")
+    key = key_of(field)
     words = describe(key)
     return f" ({words})" if words != key.replace("_", " ") else ""
 
@@ -380,10 +380,8 @@ _CHOICE = {"bool_type", "literal_error", "string_type"}
 def _wrong_value(model: type[BaseModel], detail: ErrorDetails, field: str) -> InputError:
     """Name a value of the wrong type, or out of its range, with the unit that it has."""
     location, given, kind = detail["loc"], detail["input"], detail["type"]
-    key = next((str(part) for part in reversed(location) if not isinstance(part, int)), "")
-    phrase, hint = str(detail["msg"]), ""
-    for prefix in ("Input should be ", "Value error, "):
-        phrase = phrase.removeprefix(prefix)
+    key = key_of(field)
+    phrase, hint = plain_words(str(detail["msg"])), ""
     if kind == "literal_error":
         hint = near_word(given, re.findall(r"'([^']*)'", phrase))
     elif kind == "float_type":
