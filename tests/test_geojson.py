@@ -113,6 +113,7 @@ def geographic(name: str) -> dict[str, Any]:
     [
         *("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4258", "OGC:CRS83"),
         *("http://www.opengis.net/def/crs/EPSG/0/4326", "[EPSG:4326]", "EPSG:4326+5773", "CRS84h"),
+        *("EPSG:7844", "EPSG:6318", "epsg:9057", "4258"),
     ],
 )
 def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
@@ -126,10 +127,13 @@ def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
 
 
 def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
-    for name in ("urn:ogc:def:crs:EPSG::25832", "EPSG:3857", "EPSG:32632", "WGS 84 / UTM zone 32N"):
+    for code in ("25832", "3857", "32632", "2056", "3360", "6538", "102003", "27700", "31467"):
+        assert len(obstacles_of(geographic(f"EPSG:{code}"))) == 1
+    for name in ("urn:ogc:def:crs:EPSG::25832", "WGS 84 / UTM zone 32N"):
         assert len(obstacles_of(geographic(name))) == 1
-    with pytest.warns(InputWarning, match="crs = 'EPSG:2056' is not known here"):
-        obstacles_of(geographic("EPSG:2056"))  # Switzerland, in metres
+    for name in ("EPSG:999999", "workshop", "IAU_2015:30100"):
+        with pytest.warns(InputWarning, match=f"crs = '{name}' is not known here"):
+            obstacles_of(geographic(name))
 
 
 @pytest.mark.parametrize(
@@ -140,6 +144,7 @@ def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
             "urn:ogc:def:crs:EPSG::2263",
             "http://www.opengis.net/def/crs/EPSG/0/26741",
         ),
+        *("EPSG:3361", "EPSG:6539", "ESRI:102672", "EPSG:3404", "EPSG:8066"),
         *("NAD83 / California zone 6 (ftUS)", "NAD83(2011) / Oregon GIC Lambert (ft)"),
     ],
 )

@@ -138,6 +138,14 @@ def test_a_bad_log_is_refused_by_column_and_row(tmp_path: Path, case: str) -> No
     assert caught.value.source == str(tmp_path / "log.csv")
 
 
+@pytest.mark.parametrize("offset", [0.0, 1.7e12])
+@pytest.mark.parametrize("seconds", [0.02, 0.1, 1.0])
+def test_milliseconds_are_asked_for(tmp_path: Path, seconds: float, offset: float) -> None:
+    late = [[f"{offset + 1e3 * seconds * i:f}", *row[1:]] for i, row in enumerate(good())]
+    with pytest.raises(InputError, match=r"time_s.* are these milliseconds.* Times are seconds\."):
+        read(tmp_path, text(late))
+
+
 @pytest.mark.parametrize("column", ["time_s", "sensor_C"])
 def test_a_log_made_in_memory_is_checked_as_well(column: str) -> None:
     broken = getattr(LOG, column).copy()

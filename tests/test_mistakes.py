@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -282,6 +283,12 @@ def test_a_number_in_another_unit_is_planned_with_and_doubted(
     assert [str(each.message) for each in told] == [
         f"{tmp_path / 'mine.toml'}: {doubt}" for doubt in problem.unit_doubts
     ]
+    document = tomllib.loads((tmp_path / "mine.toml").read_text(encoding="utf-8"))
+    for make in (lambda: Problem(**document), lambda: problem.with_values(max_phases=3)):
+        with pytest.warns(InputWarning) as told:
+            make()
+        assert [str(each.message) for each in told] == [*problem.unit_doubts]
+        assert {each.filename for each in told} == {__file__}, "the line of whoever made it"
 
 
 @pytest.mark.parametrize(("old", "new", "words"), ROBOT_DOUBTS)

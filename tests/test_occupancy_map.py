@@ -133,7 +133,7 @@ def test_a_map_may_be_negated_listed_in_lines_and_transparent(tmp_path: Path) ->
 
 WRONG = [
     ("resolution: 0.01", "resolution: 0", "resolution = 0", "greater than 0"),
-    ("resolution: 0.01", "resolution: fine", "resolution = 'fine'", "valid number"),
+    ("resolution: 0.01", "resolution: fine", "resolution = 'fine'", "a number"),
     ("resolution: 0.01\n", "", "resolution is missing", "required"),
     (", 0.0]", "]", "origin", "required"),
     ("map.png", "none.png", "image = ", "a file that exists"),

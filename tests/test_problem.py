@@ -166,11 +166,11 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ),
     ("weights", 1.0, "weights", r"^a table of keys \(weights of energy, transitions and effort"),
     ("robot", 3, "robot", "a path to its file, or its table"),
-    ("description", 3, "description", "string"),
+    ("description", 3, "description", "a text"),
     ("planner", 1, "planner", "'optimal' or 'greedy'"),
-    ("timing", 1, "timing", "string"),
-    ("goal.phi_modulo", 1, "goal.phi_modulo", "boolean"),
-    ("goal.phi_modulo", "true", "goal.phi_modulo", "boolean"),
+    ("timing", 1, "timing", "a text"),
+    ("goal.phi_modulo", 1, "goal.phi_modulo", "true or false"),
+    ("goal.phi_modulo", "true", "goal.phi_modulo", "true or false"),
     # wrong shape
     ("start.kappa_per_m", 10.0, "start.kappa_per_m", "."),
     ("start.kappa_per_m", [1.0, 2.0, 3.0], "start.kappa_per_m", "2"),
@@ -230,7 +230,7 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
     ("timing.constant.melts", 1.0, "timing.constant.melts", "did you mean melt_s.*overlap"),
     ("timing.nominal.melt_s", 1.0, "timing.nominal.melt_s", "known keys here are overlap"),
     ("timing.paper.melt_s", 1.0, "timing.paper.melt_s", "did you mean heat_s.*overlap"),
-    ("name", 3, "name", "string"),
+    ("name", 3, "name", "a text"),
     ("name", "", "name", "at least 1 character"),
     (
         "geometry",
@@ -373,7 +373,7 @@ def test_every_number_is_one_and_finite(what: str) -> None:
             (error,) = problems_of(refusal(lambda wrong=wrong: BUILT[what][0](**wrong)))
             assert error.field == key
             assert repr(listed(error.value)) == repr(value)
-            allowed = "finite|positive|integer" if isinstance(value, float) else "number|integer"
+            allowed = "finite|positive|whole" if isinstance(value, float) else "number"
             assert re.search(allowed, error.allowed), error
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,39 @@ def test_times_of_day_are_spread_over_their_seconds(tmp_path: Path) -> None:
     path, _ = wheel_log(tmp_path, Drift(), seconds=40)
     log = read_motion_log(path, ROBOT)
     assert np.diff(log.time_s) == pytest.approx(1 / RATE_HZ)  # over midnight, too
+
+
+@pytest.mark.parametrize(
+    ("columns", "factor", "doubt"),
+    [
+        (("x",), 1e3, "largest x_m = 239: 239 mm are"),
+        (("angle",), math.degrees(1), "largest phi_rad = 12.8916: 12.8916 degrees are"),
+        (("k1", "k2"), 1e-3, "38 1/mm are 38 1/m"),
+        (("v1", "v2"), 1e3, "largest v1_m_s = 9.108: 9.108 mm/s are"),
+        (("r0",), math.degrees(1), ""),
+        (("time",), 1e3, "rows are 10 s apart; are these milliseconds"),
+        (("time",), 1e6, "are these microseconds"),
+        (("time",), 1e12, "are these milliseconds of a clock, or less"),
+    ],
+)
+def test_a_trial_in_other_units_is_doubted_or_refused(
+    columns: tuple[str, ...], factor: float, doubt: str, tmp_path: Path
+) -> None:
+    names, *rows = (line.split(",") for line in f"{TRIAL}\n{TRIAL_1}".strip().splitlines())
+    for i, row in enumerate(rows):
+        row[-1] = f"{(i + 5000 * (i > 2)) / 100}"
+        for at in map(names.index, columns):
+            row[at] = repr(float(row[at]) * factor)
+    path = written(tmp_path / "trial.csv", ",".join(names), rows)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            read_motion_log(path, ROBOT)
+            said = [str(each.message) for each in told]
+        except InputError as error:
+            said = [str(error)]
+    assert bool(said) == bool(doubt)
+    assert doubt in "".join(said)
 
 
 def test_lost_frames_are_filled_in(tmp_path: Path) -> None:

@@ -354,7 +354,9 @@ def _check_bound(
         raise InputError(key, named[key], allowed, hint=hint)
     placed = args[len(signature.parameters) - len(known) :]
     given = (*placed, *named.values())
-    written = ("key=..." if each.kind is each.VAR_KEYWORD else each.name for each in known)
+    by_name = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.VAR_KEYWORD
+    keys = ("key" if each.kind is each.VAR_KEYWORD else each.name for each in known)
+    written = (key + "=..." * (each.kind in by_name) for key, each in zip(keys, known, strict=True))
     allowed = f"{name}({', '.join(written)})"
     if name not in MADE_BY and (found := _MISSING.match(reason)):
         words = checks[found[1]].words if found[1] in checks else describe(found[1])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Sequence
 from reprlib import Repr
+from types import FrameType
 from typing import Any
 
 from twosra_mpc.keys import near_word, other_unit
@@ -15,6 +18,7 @@ _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 8
 _VALUE = 100  # characters of a value that are shown
 _LONGEST = 500  # characters of what else is said in a line
 _MOST = 12  # further problems that are told
+_OWN = {"twosra_mpc", "pydantic"}  # packages whose lines no user wrote
 
 
 def printable(text: str, most: int = _LONGEST) -> str:
@@ -29,6 +33,27 @@ class TwosraError(Exception):
 
 class InputWarning(UserWarning):
     """Input is legal, and probably not what was meant: another unit or frame, parts left out."""
+
+
+def _package(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__")).partition(".")[0]
+
+
+def is_users(call: FrameType | None, *through: str) -> bool:
+    """True if a call came from a user's program, perhaps through some modules of this package."""
+    while call and call.f_globals.get("__name__") in through:
+        call = call.f_back
+    return call is not None and _package(call) not in _OWN
+
+
+def doubt(words: str) -> None:
+    """Warn of input (`InputWarning`) at the line of the user's program that it came from."""
+    frame = sys._getframe()
+    while frame.f_back and _package(frame) in _OWN:
+        frame = frame.f_back
+    seen = frame.f_globals.setdefault("__warningregistry__", {})
+    place = frame.f_code.co_filename, frame.f_lineno
+    warnings.warn_explicit(words, InputWarning, *place, registry=seen)
 
 
 class Missing(str):

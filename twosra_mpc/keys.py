@@ -33,12 +33,24 @@ def stem_of(key: str) -> str:
     return key.removesuffix(max(endings, key=len)) if endings else key
 
 
+def key_of(field: str) -> str:
+    """Last key in the dotted name of a field; numbers of entries are none."""
+    return next((part for part in reversed(field.split(".")) if not part.isdigit()), "")
+
+
 def describe(key: str) -> str:
     """Say what a key is, with its unit in brackets where it has one."""
     words, unit = _tables()["words"].get(key), unit_of(key)
     if not unit:
         return words or key.replace("_", " ")
     return f"{words or stem_of(key).replace('_', ' ')} [{unit}]"
+
+
+def plain_words(phrase: str) -> str:
+    """Words of pydantic for what is allowed, in those of this package."""
+    for words, plainer in _tables()["plainer"].items():
+        phrase = phrase.replace(words, plainer)
+    return phrase
 
 
 _SHARE = "_percent"

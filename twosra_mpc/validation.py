@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import (
@@ -33,8 +34,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
 from twosra_mpc.arguments import MADE_BY, public
-from twosra_mpc.errors import MISSING, InputError
-from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
+from twosra_mpc.errors import MISSING, InputError, doubt, is_users
+from twosra_mpc.keys import describe, key_of, near_key, near_number, near_word, plain_words, unit_of
 
 
 def plain(value: object) -> object:
@@ -105,6 +106,13 @@ _KINDS: dict[str, type[BaseModel]] = {}  # every record by the name of its class
 class Value(BaseModel):
     """A frozen record whose construction either succeeds with valid fields or names the bad one.
 
+    Attributes:
+        unit_doubts: Numbers that are legal and probably in another unit, each with what may be
+            meant; of problems and robots.
+
+    Warns:
+        InputWarning: Of these, where a user's program makes it.
+
     Raises:
         InputError: On an unknown or missing key, a wrong type or shape, a value that is not finite
             or not in its range.
@@ -113,6 +121,10 @@ class Value(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
     )
+
+    @property
+    def unit_doubts(self) -> tuple[str, ...]:  # noqa: D102  # see the class
+        return ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -129,6 +141,9 @@ class Value(BaseModel):
                 details = [one for one in error.errors() if one["type"] != _FOLLOWS]
                 problems = [named_problem(type(self), detail) for detail in details]
                 raise problems[0].among(problems[1:]) from None
+            if is_users(sys._getframe(1), "twosra_mpc.arguments", __name__):
+                for each in self.unit_doubts:
+                    doubt(each)
 
         def __setattr__(self, name: str, value: Any) -> None:
             if not name.startswith("_"):
@@ -289,12 +304,12 @@ class FrozenDict(dict[Key, Item]):
 
 def missing(field: str) -> InputError:
     """Return the error of a key that must be there and is not."""
-    return InputError(field, MISSING, f"this key is required ({describe(field)})")
+    return InputError(field, MISSING, f"this key is required ({describe(key_of(field))})")
 
 
 def _described(field: str) -> str:
     """Description of a field, in brackets; empty where its name says all there is to say."""
-    key = next((part for part in reversed(field.split(".")) if not part.isdigit()), "")
+    key = key_of(field)
     words = describe(key)
     return f" ({words})" if words != key.replace("_", " ") else ""
 
@@ -365,10 +380,8 @@ _CHOICE = {"bool_type", "literal_error", "string_type"}
 def _wrong_value(model: type[BaseModel], detail: ErrorDetails, field: str) -> InputError:
     """Name a value of the wrong type, or out of its range, with the unit that it has."""
     location, given, kind = detail["loc"], detail["input"], detail["type"]
-    key = next((str(part) for part in reversed(location) if not isinstance(part, int)), "")
-    phrase, hint = str(detail["msg"]), ""
-    for prefix in ("Input should be ", "Value error, "):
-        phrase = phrase.removeprefix(prefix)
+    key = key_of(field)
+    phrase, hint = plain_words(str(detail["msg"])), ""
     if kind == "literal_error":
         hint = near_word(given, re.findall(r"'([^']*)'", phrase))
     elif kind == "float_type":

@@ -14,6 +14,9 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import LARGEST, read_text, reading
 from twosra_mpc.robot.coordinates import Array
 
+_FINER = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_ROWS_S = 0.004, 4.0  # from row to row, of a log
+
 
 class CsvTable(NamedTuple):
     """Rows of a CSV file below its heading, without empty ones.
@@ -104,5 +107,16 @@ def number(text: str, field: str, source: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST:
-        raise InputError(field, text, f"a finite number, at most {LARGEST:zg} in size", source)
+        of_clock = math.isfinite(value) and field.startswith("time")
+        hint = "are these milliseconds of a clock, or less? Times are seconds." if of_clock else ""
+        allowed = f"a finite number, at most {LARGEST:zg} in size"
+        raise InputError(field, text, allowed, source, hint=hint)
     return value
+
+
+def finer_unit(time_s: Array) -> str:
+    """Ask for the unit of times (rows,) too far apart for seconds; empty if they are not."""
+    step = float(np.median(np.abs(np.diff(time_s)))) if len(time_s) > 1 else 0.0
+    of_log = (unit for unit, many in _FINER.items() if _ROWS_S[0] <= step / many <= _ROWS_S[1])
+    unit = next(of_log, "") if step > _ROWS_S[1] else ""
+    return f"are these {unit}? Times are seconds." if unit else ""

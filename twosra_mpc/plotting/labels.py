@@ -1,4 +1,4 @@
-"""Words in pictures that do not lie on other words."""
+"""Words in pictures that do not lie on other words, nor on what is drawn above them."""
 
 from __future__ import annotations
 
@@ -34,13 +34,14 @@ def label(ax: Axes, words: str, at: ArrayLike, shift_pt: ArrayLike = (0, 0), **s
 
 
 def settle(ax: Axes) -> None:
-    """Move labels by as little as keeps them off all other words of their axes."""
+    """Move labels by as little as keeps them off other words, and lines that are above them."""
     words = [each for each in ax.texts if each.get_text() and ax.bbox.contains(*_anchor(ax, each))]
     taken = [_extent(each) for each in words if not isinstance(each, Label)]
     for each in (each for each in words if isinstance(each, Label)):
-        box = _extent(each)
-        ways = (_STEPS * box.height).tolist()
-        away = next((way for way in ways if _is_free(box.translated(*way), taken)), (0.0, 0.0))
+        box, level = _extent(each), each.get_zorder()
+        above = [line.get_window_extent() for line in ax.lines if line.get_zorder() >= level]
+        ways, full = (_STEPS * box.height).tolist(), [*taken, *above]
+        away = next((way for way in ways if _is_free(box.translated(*way), full)), (0.0, 0.0))
         shift_pt = np.asarray(away) * 72 / ax.figure.dpi
         each.xyann = tuple((np.asarray(each.xyann) + shift_pt).tolist())
         taken.append(box.translated(*away))

@@ -7,9 +7,10 @@ several without, cut along lines of constant y; nothing is lost.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
-import warnings
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError, InputWarning
+from twosra_mpc.errors import InputError, doubt
 from twosra_mpc.files import read_document, reading
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
@@ -32,17 +33,12 @@ _CODE = re.compile(r"(?:(?:EPSG|ESRI)\b.*?|^\D{0,9})\b(\d{4,6})\b", re.IGNORECAS
 _UNIT = re.compile(  # in WKT, in PROJJSON, in a string of PROJ
     r"""UNIT\["([^"]+)|'unit': (?:\{[^}]*'name': )?'([^']+)|\+units=([\w-]+)""", re.IGNORECASE
 )
-_UNITS = {  # what names say; codes of state planes; of geographic frames; of Mercator and UTM
-    "feet": (
-        r"(\b|_)(us.?)?(ft(us)?|feet|foot)(\b|_)",
-        "2222-2289 2867-2930 3417-3438 4399-4433 26729-26870 102629-102766",
-    ),
-    "degrees": (
-        r"CRS:?(84|83|27)h?\b|^(WGS.?84|NAD.?(27|83)|ETRS.?89)$|lon.?lat|lat.?lon|degree",
-        "4000-4999",
-    ),
-    "metres": (r"^m$|^met(re|er)$|(\b|_)UTM(\b|_)", "3857-3857 25800-25999 32600-32799"),
+_UNITS = {  # what names say
+    "feet": r"(\b|_)(us.?)?(ft(us)?|feet|foot)(\b|_)",
+    "degrees": r"CRS:?(84|83|27)h?\b|^(WGS.?84|NAD.?(27|83)|ETRS.?89)$|lon.?lat|lat.?lon|degree",
+    "metres": r"^m$|^met(re|er)$|(\b|_)UTM(\b|_)",
 }
+_CODES = 2000, 105_000  # of plane frames, below; metres where ``geojson.toml`` has no other unit
 _PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
 
@@ -68,7 +64,7 @@ def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[O
 def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tuple[Obstacle, ...]:
     single = isinstance(geometries, Mapping) or hasattr(geometries, "__geo_interface__")
     frames = {str(frame): frame for frame in _frames_of(geometries) if frame is not None}
-    doubts = [doubt for frame in frames.values() for doubt in _doubts_about_frame(frame)]
+    doubts = [each for frame in frames.values() for each in _doubts_about_frame(frame)]
     if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
         hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
         raise InputError(
@@ -89,8 +85,8 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     if left_out:
         doubts.append(f"features without a geometry are left out: {len(left_out)}")
     doubts += _doubts_about_lengths([polygon.bounds for _, polygon in found])
-    for doubt in doubts:
-        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=3)
+    for each in doubts:
+        doubt(f"{source}: {each}")
     pieces = [(name, piece) for name, polygon in found for piece in without_holes(polygon)]
     return tuple(_named(pieces))
 
@@ -171,11 +167,21 @@ def _unit_of(frame: str) -> str:
     own = "".join(("", *_UNIT.findall(frame))[-1])
     frame = own or frame
     code = int(found[1]) if (found := _CODE.search(frame)) else 0
-    for unit, (words, codes) in _UNITS.items():
-        ends = (map(int, each.split("-")) for each in codes.split())
-        if re.search(words, frame, re.IGNORECASE) or any(a <= code <= b for a, b in ends):
-            return unit
-    return own
+    if unit := _units_of_codes().get(code):
+        return unit
+    said = (unit for unit, words in _UNITS.items() if re.search(words, frame, re.IGNORECASE))
+    return next(said, "metres" if code in range(*_CODES) else own)
+
+
+@functools.cache
+def _units_of_codes() -> dict[int, str]:
+    """Units other than metres of the frames that EPSG and ESRI number."""
+    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    found = {}
+    for unit, codes in table.items():
+        for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d))?", codes):
+            found |= dict.fromkeys(range(int(first), int(last or first) + 1, int(step or 1)), unit)
+    return found
 
 
 def _doubts_about_lengths(bounds: Sequence[tuple[float, float, float, float]]) -> Iterator[str]:

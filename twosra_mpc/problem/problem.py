@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +22,7 @@ from pydantic import (
 )
 
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import MISSING, InputError, InputWarning
+from twosra_mpc.errors import MISSING, InputError, doubt
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts
 from twosra_mpc.problem.geojson import read_obstacles
@@ -594,8 +593,8 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
             document[key] = path.parent / given
     with reading(str(source), "scenario"):
         problem = Problem.parse(document, str(source))
-    for doubt in problem.unit_doubts:
-        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=2)
+    for each in problem.unit_doubts:
+        doubt(f"{source}: {each}")
     return problem
 
 

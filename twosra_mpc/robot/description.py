@@ -7,7 +7,6 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,7 +16,7 @@ from weakref import WeakValueDictionary
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import MISSING, InputError, InputWarning
+from twosra_mpc.errors import MISSING, InputError, doubt
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, read_text, reading
 from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
@@ -95,6 +94,11 @@ class Robot(Value):
     timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
     physics: Physics | None = None
     robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
+
+    @property
+    def unit_doubts(self) -> tuple[str, ...]:
+        """Numbers that are legal and probably in another unit, each with what may be meant."""
+        return tuple(doubts(self.model_dump(mode="json")))
 
     @model_validator(mode="before")
     @classmethod
@@ -237,8 +241,8 @@ def load_robot(source: str | Path) -> Robot:
     check_kind(document, "robot", str(source))
     with reading(str(source), "robot"):
         robot = Robot.parse(document, str(source))
-    for doubt in doubts(robot.model_dump(mode="json")):
-        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=2)
+    for each in robot.unit_doubts:
+        doubt(f"{source}: {each}")
     return robot
 
 

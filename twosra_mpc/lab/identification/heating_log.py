@@ -23,7 +23,7 @@ from scipy.ndimage import median_filter
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.csv_table import read_csv
+from twosra_mpc.lab.csv_table import finer_unit, read_csv
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import ArrayValue
 
@@ -101,7 +101,8 @@ class HeatingLog(ArrayValue):
         return np.where(self.spikes, _running_median(self.sensor_C, 5), self.sensor_C)
 
     def _refuse(self, field: str, value: object, allowed: str) -> InputError:
-        return InputError(field, value, allowed, self.source)
+        hint = finer_unit(self.time_s) if field.startswith("time") else ""
+        return InputError(field, value, allowed, self.source, hint=hint)
 
     def _check_samples(self) -> None:
         for column, values in (("time_s", self.time_s), ("temp_C", self.sensor_C)):

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import InputError, doubt
 from twosra_mpc.files import LARGEST, reading
-from twosra_mpc.lab.csv_table import read_csv
+from twosra_mpc.keys import doubts
+from twosra_mpc.lab.csv_table import finer_unit, number, read_csv
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -92,6 +93,9 @@ def read_motion_log(
             ``s1_v1_6.csv`` if segment 1 is soft and wheel 1 turns at 6 rad/s.
         mode: Mode of such a log; default: by the file's name.
 
+    Warns:
+        InputWarning: If numbers are probably in another unit.
+
     Raises:
         InputError: If the file cannot be read or is no such log, naming column and row, or what
             was driven is not known.
@@ -112,25 +116,40 @@ def _read(
     clock, wanted = ("time stamp", _UNITS) if wheels else ("time", trial)
     table.check((clock, *wanted), LEAST_ROWS)
     source, values = table.source, table.numbers(*wanted)
-    time_s = _times(table.texts(clock), clock, source)
+    times = table.texts(clock)
+    time_s = _times(times, clock, source)
     if not wheels:
         bits = values[:, -segments:]
         for row, column in np.argwhere((bits != 0) & (bits != 1)).tolist():
             field = f"s{column + 1}, row {row + 1}"
             raise InputError(field, float(bits[row, column]), "0, rigid, or 1, soft", source)
         q, v = values[:, : POSE + segments], values[:, POSE + segments : -segments]
+        _doubt_units(source, q, v)
         q[:, 2] = np.unwrap(q[:, 2])
-        return _with_phases(MotionLog(source, time_s, q, bits.astype(int), v))
+        return _with_phases(MotionLog(source, time_s, q, bits.astype(int), v), times[0])
     speeds, driven = _what_was_driven(path, robot, wheel_rad_s, mode)
     q = _configurations(robot, _filled_poses(values, source), driven)
     tiled = [np.tile(each, (len(values), 1)) for each in (np.array(driven), speeds)]
-    return _with_phases(MotionLog(source, time_s, q, *tiled))
+    return _with_phases(MotionLog(source, time_s, q, *tiled), times[0])
 
 
-def _with_phases(log: MotionLog) -> MotionLog:
+def _doubt_units(source: str, q: Array, v: Array) -> None:
+    """Doubt the largest numbers of a log of configurations (rows, 3 + n) and inputs (rows, 5)."""
+    x, y, phi, *kappa = np.abs(q).max(axis=0).round(4).tolist()
+    v1, v2, u0, v0, r0 = np.abs(v).max(axis=0).tolist()
+    speeds = {"v1_m_s": v1, "v2_m_s": v2, "u0_m_s": u0, "v0_m_s": v0, "r0_rad_s": r0}
+    pose = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa}
+    for each in doubts({"start": pose, **speeds}):
+        doubt(f"{source}: largest {each.removeprefix('start.')}")
+
+
+def _with_phases(log: MotionLog, clock: str) -> MotionLog:
+    hint = "" if ":" in clock else finer_unit(log.time_s)
     if not log.phases:
         allowed = f"one with two rows of one mode, not more than {LONGEST_STEP_S:zg} s apart"
-        raise InputError("log", log.source, allowed)
+        raise InputError("log", log.source, allowed, hint=hint)
+    if hint:
+        doubt(f"{log.source}: rows are {np.median(np.diff(log.time_s)):zg} s apart; {hint}")
     return log
 
 
@@ -142,6 +161,8 @@ def _times(texts: list[str], name: str, source: str) -> Array:
             parts = [float(part) for part in text.split(":")]
         except ValueError:
             parts = []
+        if len(parts) == 1:
+            parts = [number(text, f"{name}, row {index}", source)]
         if len(parts) not in (1, 3) or not (np.abs(parts) <= LARGEST).all():
             allowed = "a time of day, hh:mm:ss, or a number of seconds"
             raise InputError(f"{name}, row {index}", text, allowed, source)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import InputError, InputWarning
+from twosra_mpc.errors import InputError, doubt
 from twosra_mpc.files import is_device, read_text, reading
 from twosra_mpc.keys import near_key
 from twosra_mpc.lab.image_file import open_image
@@ -118,8 +117,8 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if count := int(saved.sum()):
         grey = f"{count} cells of grey {_SAVED_UNKNOWN}, which map_saver writes for unknown"
         doubts.append(f"{grey}, are free by free_thresh = {said.free_thresh:zg}; taken as unknown")
-    for doubt in doubts:
-        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=3)
+    for each in doubts:
+        doubt(f"{source}: {each}")
     occupied, free = occupied & seen, free & seen & ~saved
     unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
