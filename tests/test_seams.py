@@ -53,7 +53,6 @@ ALLOWED = {
     ),
     "serial": ("lab/serial/port.py",),
     "mujoco": ("physics/",),
-    "glfw": ("physics/",),
     "flint": CERTIFICATES,
     "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),
