@@ -23,7 +23,6 @@ import click
 import numpy as np
 import pytest
 from conftest import Run
-from heating import true_history, write_log
 from matplotlib.figure import Figure
 from melts import made_up
 from melts import write as write_rows
@@ -44,7 +43,6 @@ from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
 from twosra_mpc.lab.commands import jog_command, robot_line, stream_command
-from twosra_mpc.lab.figures import paper_figures
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
@@ -52,7 +50,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
-OWN_TESTS = ("doctor", "reproduce", "batch", "atlas")  # examples run there
+OWN_TESTS = ("doctor", "reproduce", "batch")  # examples run there
 
 
 @pytest.fixture
@@ -72,7 +70,6 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
     monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
-    monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
 
 @lru_cache(1)
@@ -154,12 +151,6 @@ def test_simulations_are_json(run: Run) -> None:
     assert many["runs"][0]["time_s"] == one["metrics"]["time_s"]
 
 
-def test_a_scored_log_is_json(run: Run, tmp_path: Path) -> None:
-    log = write_log(true_history((40.0,)).log(1.0), tmp_path / "log.csv")
-    found = json.loads(run("fit-thermal", log, "--robot", "2sr-v2", "--score", "--json").out)
-    assert found[0]["residuals"]["rms_C"] > 0
-
-
 def test_quiet_prints_nothing_and_does_the_work(run: Run) -> None:
     assert run("plan", "rigid-move", "--quiet", "--out", "plan.json") == (0, "", "")
     assert Path("plan.json").is_file()
@@ -186,7 +177,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 # --- overrides of a scenario ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
+@pytest.mark.parametrize("name", ["plan", "explain", "simulate"])
 def test_a_path_model_that_there_is_not_is_refused_wherever_one_can_be_given(
     name: str, run: Run
 ) -> None:
@@ -203,7 +194,7 @@ def test_the_path_model_asked_for_is_planned_with(run: Run) -> None:
         assert made["scenario"]["gap"] == 0.05
 
 
-@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
+@pytest.mark.parametrize("name", ["plan", "explain", "simulate"])
 def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
     known = {opt for param in command(name).params for opt in param.opts}
     assert {"--robot", "--timing", "--gap", "--time-limit"} <= known
@@ -235,7 +226,6 @@ def test_a_table_in_a_pipe_is_what_rich_draws(
 NARROW: list[list[str]] = [
     ["plan", "paper-2", "--timing", "paper"],
     ["plan", "blocked"],
-    ["compare", "paper-2", "rigid-move"],
     ["explain", "paper-2"],
     ["simulate", "rigid-move"],
     ["check-robot", "2sra-v1"],
@@ -270,14 +260,12 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
-    (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),
     (["export", "plan.json", "out.csv", "--json"], "writing out.csv"),
     (["report", "plan.json", "out.html", "--json"], "drawing the report"),
     (["animate", "plan.json", "out.gif", "--json"], "animating: frame 2 of 2"),
-    (["figures", "folder", "--json"], "drawing blank"),
 ]
 
 
@@ -422,7 +410,6 @@ def examples_read(tmp_path_factory: pytest.TempPathFactory) -> Path:
         replace(found, certificate=proof).save(folder / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (folder / "my-robot.toml").write_text(robot, encoding="utf-8")
-    write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
     for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
         write_rows(rows, folder / file)
     write_map(folder, [[0, 255], [255, 255]])

@@ -17,6 +17,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
 
 from twosra_mpc import Plan, load_problem
+from twosra_mpc.analysis.explanation import task_costs
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
@@ -32,7 +33,7 @@ from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.report import report_page
-from twosra_mpc.report.words import scenario_toml, task_rows
+from twosra_mpc.report.words import scenario_toml
 from twosra_mpc.robot.coordinates import Array, composed
 
 
@@ -164,8 +165,8 @@ def test_the_report_moves_objects_and_has_a_table_of_tasks() -> None:
         assert told == pytest.approx([1e3 * x, -1e3 * y, -np.degrees(phi)], abs=0.02)
     assert len(re.findall('<polygon class="target"', text)) == 1
     assert "1 grasp cup" in text
-    grasp, carry, release = task_rows(made)
-    assert [row.what for row in (grasp, carry, release)] == [
+    grasp, carry, release = task_costs(made)
+    assert [row.words for row in (grasp, carry, release)] == [
         "grasp cup",
         "carry cup",
         "release cup",
@@ -173,7 +174,7 @@ def test_the_report_moves_objects_and_has_a_table_of_tasks() -> None:
     assert grasp.held == carry.held == "caged: proved, it cannot leave"
     assert release.held != grasp.held
     for row in (grasp, carry, release):
-        assert f"<td>{row.what}</td>" in text
+        assert f"<td>{row.words}</td>" in text
     assert {film["events"][0], film["events"][-1]} == {0, 1000}
 
 
@@ -183,8 +184,8 @@ def test_what_is_pushed_is_said_to_be_held_by_contact_alone() -> None:
     tasks = [made.problem.tasks[0].with_values(hold="pushed"), *made.problem.tasks[1:]]
     problem = made.problem.with_values(objects=things, tasks=tasks)
     pushed = replace(made, trajectory=replace(made.trajectory, problem=problem))
-    expected = "pushed: held only while contact is kept (friction 0.3)"
-    assert [row.held for row in task_rows(pushed)][:2] == [expected] * 2
+    expected = "pushed: held only while contact is kept"
+    assert [row.held for row in task_costs(pushed)][:2] == [expected] * 2
 
 
 SCENARIOS = {

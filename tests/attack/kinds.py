@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from heating import true_history, write_log
 from melts import made_up, write
 from photographs import LENGTH_M, SCALE_M, write_folder
 from PIL import Image
@@ -27,7 +26,7 @@ from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
-from twosra_mpc.lab.batch.table import frame_of, write_table
+from twosra_mpc.lab.batch.table import frame_of, read_runs, write_table
 from twosra_mpc.lab.identification.transition_fit import read_transitions
 from twosra_mpc.plans.setpoints import save_authors_csv
 
@@ -197,12 +196,6 @@ def _scenario(arguments: list[str]) -> None:
 
 
 @cache
-def _heating() -> tuple[bytes, ...]:
-    log = true_history((30.0, 20.0)).log(rate_Hz=2.0)
-    return (_written(partial(write_log, log)),)
-
-
-@cache
 def _melts() -> tuple[tuple[bytes, ...], tuple[bytes, ...]]:
     logged, readings = (_written(partial(write, rows)) for rows in made_up())
     return (logged,), (readings,)
@@ -260,9 +253,6 @@ KINDS = {
     "references": Kind(
         ".csv", lambda: (b"kappa_per_m\n21.5\n",), lambda path: (str(path),), _estimate
     ),
-    "heating log": Kind(
-        ".csv", _heating, lambda path: ("fit-thermal", str(path), "--robot", "2sr-v2", "--score")
-    ),
     "melts": Kind("-melts.csv", lambda: _melts()[0], lambda path: (str(path),), _fit),
     "readings": Kind("-readings.csv", lambda: _melts()[1], lambda path: (str(path),), _fit),
     "batch": Kind(
@@ -275,5 +265,5 @@ KINDS = {
         ".geojson", lambda: (json.dumps(_OBSTACLES).encode(),), lambda path: (str(path),), _scenario
     ),
     "outline": Kind(".csv", lambda: (_OUTLINE.encode(),), lambda path: (str(path),), _scenario),
-    "runs": Kind(".parquet", _runs, lambda path: ("atlas", str(path))),
+    "runs": Kind(".parquet", _runs, lambda path: (str(path),), _reads(read_runs)),
 }

@@ -37,12 +37,17 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import grasps
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model
 from twosra_mpc.validation import ArrayValue, Count
 
 _ROUNDS = 8  # how often a cheaper alternative becomes the plan that is explained
 _SAME_S = 1e-5  # events closer than this are one
+_HELD = {
+    "caged": "caged: proved, it cannot leave",
+    "pushed": "pushed: held only while contact is kept",
+}
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,7 @@ class TaskCost:
         energy_J: Heat of all heaters in that time.
         shape_of: The task whose shape serves this one too, or "the start"; None where the robot
             bends, and where a task asks for no shape (to pass, and to carry).
+        held: How an object is held until then; empty where none is.
     """
 
     words: str
@@ -67,6 +73,7 @@ class TaskCost:
     bends: bool
     energy_J: float
     shape_of: str | None
+    held: str
 
     @property
     def duration_s(self) -> float:
@@ -243,8 +250,10 @@ def _why(made: Plan) -> Iterator[str]:
 
 def task_costs(made: Plan) -> tuple[TaskCost, ...]:
     """Costs of the stages of a mission's plan: times and energies add up to the plan's."""
-    heating = transition_model(made.problem).heating(made.transitions)
+    problem = made.problem
+    heating, grasping = transition_model(problem).heating(made.transitions), grasps(problem.tasks)
     found, shape_of = list[TaskCost](), "the start"
+    held = "held since the start" if problem.start.holding else ""
     parts = stretches(made.trajectory)
     for i, stage in enumerate(parts):
         ends_s = stage.to_s if i + 1 < len(parts) else made.duration_s
@@ -253,6 +262,10 @@ def task_costs(made: Plan) -> tuple[TaskCost, ...]:
         soft = [each for each in made.phases if any(each.mode)]
         bends = any(_within(each.end_s, stage.from_s, ends_s) for each in soft)
         used = [item.energy_J(ends_s) - item.energy_J(stage.from_s) for item in heating]
+        if i in grasping:
+            held = _HELD[grasping[i].hold]
+        elif stage.task is not None and stage.task.lets_go:
+            held = ""
         shaped = not bends and (stage.task is None or stage.task.asks_shape)
         found.append(
             TaskCost(
@@ -263,6 +276,7 @@ def task_costs(made: Plan) -> tuple[TaskCost, ...]:
                 bends=bends,
                 energy_J=float(sum(used)),
                 shape_of=shape_of if shaped else None,
+                held=held,
             )
         )
         if bends:

@@ -39,7 +39,6 @@ _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 @options.command("simulate")
 @click.argument("scenario", **options.SCENARIO)
 @options.word_option("--plant", f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")
-@click.option("--viewer", is_flag=True, help="Watch the first run of plant mujoco.")
 @options.word_option(
     "--disturbance", f"How far from its description: {_LEVELS}.", LEVELS, default="moderate"
 )
@@ -54,7 +53,7 @@ _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 )
 @options.file_option("--out", "Write the (first) run as JSON.")
 @options.plot_option("Draw it")
-@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.animation)
+@options.file_option("--animate", "Film it (gif).", options.animation)
 def simulate_command(
     scenario: str,
     plant: str,
@@ -63,7 +62,6 @@ def simulate_command(
     executor: str,
     runs: int,
     broken: tuple[int, ...],
-    viewer: bool,
     load: options.Load,
     out: Path | None,
     plot: Path | None,
@@ -96,7 +94,7 @@ def simulate_command(
     drawn: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
     drawn |= {"broken_heaters": broken, "plan": result.plan}
     with output.progress(f"running 1 of {runs}") as tell:
-        first = simulate(problem, seed=seed, viewer=viewer, **drawn)
+        first = simulate(problem, seed=seed, **drawn)
         tell("writing")
         if out is not None:
             write_json(out, first.to_dict())

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
+from twosra_mpc.analysis.explanation import task_costs
 from twosra_mpc.arguments import public
 from twosra_mpc.files import data_file, ending_of, environment, write_text
 from twosra_mpc.keys import describe
@@ -107,7 +108,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         finite=math.isfinite,
         path=in_words(critical_path(plan)) if plan else (),
         hidden=hidden_activities(plan) if plan else (),
-        tasks=words.task_rows(plan) if plan else [],
+        tasks=task_costs(plan) if plan else (),
         motion=_motion(plan) if plan else None,
         origin=origin,
         scenario=words.scenario_toml(result.problem),

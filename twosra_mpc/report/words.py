@@ -17,15 +17,13 @@ import tomlkit
 from twosra_mpc.arguments import public
 from twosra_mpc.files import environment
 from twosra_mpc.installation import __version__
-from twosra_mpc.plans.plan import Plan, above_bound, percent, within
+from twosra_mpc.plans.plan import above_bound, percent, within
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.trajectory import stretches
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
+from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import transition_model
 
-_NONE = "\N{EN DASH}"
 _LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numbers come from
 
 
@@ -47,46 +45,6 @@ def bound_sentences(result: Result) -> list[str]:
         within=within,
     )
     return text.splitlines()
-
-
-class TaskRow(NamedTuple):
-    """One task of a mission: what, when it is done, how long it takes, where, and what holds."""
-
-    what: str
-    done_s: float
-    took_s: float
-    configuration: str
-    held: str
-
-
-def task_rows(plan: Plan) -> list[TaskRow]:
-    """Return the stages of a mission; none where a plan only reaches a goal."""
-    trajectory, rows = plan.trajectory, list[TaskRow]()
-    held = "held since the start" if plan.problem.start.holding else _NONE
-    taking = grasps(plan.problem.tasks)
-    for number, stage in enumerate(stretches(trajectory)):
-        words = _at(trajectory.configuration([stage.to_s])[0].tolist())
-        if number in taking:
-            held = _hold(plan.problem, taking[number])
-        elif stage.task is not None and stage.task.lets_go:
-            held = _NONE
-        rows.append(TaskRow(stage.words, stage.to_s, stage.to_s - stage.from_s, words, held))
-    return rows
-
-
-def _at(q: list[float]) -> str:
-    """A configuration to mm, hundredths of rad, tenths of 1/m."""
-    x, y, phi, *kappa = q
-    bends = ", ".join(f"{value:z.1f}" for value in kappa)
-    return f"({x:z.3f}, {y:z.3f}) m, {phi:z.2f} rad, {bends} 1/m"
-
-
-def _hold(problem: Problem, task: Grasp) -> str:
-    """Hold that keeps an object where it is in the robot."""
-    if task.hold == "caged":
-        return "caged: proved, it cannot leave"
-    (friction,) = (item.friction for item in problem.objects if item.name == task.object)
-    return f"pushed: held only while contact is kept (friction {friction:zg})"
 
 
 @public
