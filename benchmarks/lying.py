@@ -128,17 +128,19 @@ class Segment:
         self._lagging = [self.metal.temperature_C] * 2
         self._parts, self._tells = _PARTS * rng.standard_normal(3), bool(rng.random() < 0.5)
         self.current_A, self._integral, self._off_s, self._above_s = 0.0, 0.0, 1e3, 0.0
+        self._let_A2: list[float] = []
         self.true_C = self.shown_C = self.metal.temperature_C
         self.told = "rigid"
 
-    @property
     def told_A(self) -> float | None:
-        """Current, from firmware that tells it."""
-        return self.current_A if self._tells else None
+        """Root mean square of the current since this was last told, from firmware that does."""
+        let_A2, self._let_A2 = self._let_A2, []
+        return math.sqrt(sum(let_A2) / len(let_A2)) if self._tells else None
 
     def advance(self) -> None:
         """Let a tick pass."""
         self.metal.advance(self.current_A)
+        self._let_A2.append(self.current_A**2)
         touched_C = self.metal.temperature_C
         for k, lag_s in enumerate(self._lags_s):
             left = math.exp(-TICK_S / lag_s) if lag_s > 0 else 0.0
@@ -263,7 +265,7 @@ def watched(robot: Robot, seed: int, lie: str = "", lasts_s: float = _LONGEST_S)
         for segment, host in zip(segments, hosts, strict=True):
             told: Any = segment.told
             try:
-                host.watch.take(now_s, host.asked_C, segment.shown_C, told, False, segment.told_A)
+                host.watch.take(now_s, host.asked_C, segment.shown_C, told, False, segment.told_A())
             except SegmentError as error:
                 cause, words = error.cause, str(error)
             host.decide(now_s, told)

@@ -25,6 +25,7 @@ from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 20.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
+_UNLIKE_TOLD = 5.0  # of readings near the melting point, beyond all others; 4.2 of healthy segments
 _GAIN = 0.1  # less is not worth a step
 _DOUBT_K = 0.8  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
@@ -158,6 +159,7 @@ class HeatBelief(ArrayValue):
         prior: What was known at the start.
         start: Rest at the start.
         fit: Of one kind, which is near the most probable.
+        blind: The same without readings near the melting point since those of solid or of liquid.
         step: Gauss-Newton step from there, (p,).
         covariance: Of the parameters, (p, p).
         cost: Of the prior, after the step: how unlikely such a segment was.
@@ -176,6 +178,7 @@ class HeatBelief(ArrayValue):
     prior: Prior
     start: Start
     fit: Fit
+    blind: Fit
     step: Array
     covariance: Array
     cost: float = 0.0
@@ -261,7 +264,7 @@ class HeatBelief(ArrayValue):
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
         start = self.kinds.start(shown_C, said_C)
         now = replace(self, start=start, since=(), heat=NONE, square_K2=0.0, cut=False)
-        return now._about(now._fitted(self.prior.mean[None]))
+        return now._anew(self.prior.mean)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
         """Let heat in, and look at a reading, if there is one; most say nothing new."""
@@ -277,8 +280,8 @@ class HeatBelief(ArrayValue):
         """Compare a reading with healthy ones."""
         quiet_s = self.quiet_s + heat.passed_s if heat.off else 0.0
         since, wait = (*self.since, (heat, shown_C)), self.wait - 1
-        now = replace(self, heat=NONE, since=since, quiet_s=quiet_s, wait=wait)
-        fit = self.fit.take(heat, shown_C)
+        blind, fit = self.blind.take(heat, None), self.fit.take(heat, shown_C)
+        now = replace(self, heat=NONE, since=since, quiet_s=quiet_s, wait=wait, blind=blind)
         if shown_C is None:
             return replace(now, fit=fit)
         now = now._about(fit)
@@ -288,6 +291,8 @@ class HeatBelief(ArrayValue):
         far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
         if (far and now.wait <= 0) or now.off_K > _DOUBT_K or now.cost > _UNLIKE_COST:
             now = now._searched(shown_C)
+        if self.kinds.is_solid(shown_C) or self.kinds.is_liquid(shown_C):
+            now = replace(now, blind=now.fit)
         now = now._judged()
         return now._begun_anew(shown_C) if now.off_K < _FAR_K and now._rests(shown_C) else now
 
@@ -354,7 +359,18 @@ class HeatBelief(ArrayValue):
             _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
-        return replace(now, cut=hot or self.off_K > _DOUBT_K or now.misfit >= 1.0)
+        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now._melts_oddly()
+        return replace(now, cut=hot or doubted)
+
+    def _melts_oddly(self) -> bool:
+        """True if known heat may have made metal too hot that readings unlikely have melting."""
+        if self.blind is self.fit or self._cost(self.fit) < self._cost(self.blind) + _UNLIKE_TOLD:
+            return False
+        return self.cut or self._about(self.blind)._hot(False)
+
+    def _cost(self, fit: Fit) -> float:
+        _, _, (cost,), (gain,) = fit.solved(self.prior)
+        return float(cost - gain)
 
     def _hot(self, cut: bool) -> bool:
         """True if metal may come too near to its limit before the next reading."""
@@ -373,7 +389,11 @@ class HeatBelief(ArrayValue):
         start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
         prior = Prior(mean, _inverse(covariance))
         now = replace(self, prior=prior, covariance=covariance, start=start, since=())
-        return now._about(now._fitted(mean[None]))
+        return now._anew(mean)
+
+    def _anew(self, mean: Array) -> HeatBelief:
+        fit = self._fitted(mean[None])
+        return replace(self, blind=fit)._about(fit)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
@@ -384,4 +404,4 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     covariance = _inverse(prior.precision)
     fit = _fit(kinds, start, covariance, none[None])
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
-    return HeatBelief(kinds, cut_C, prior, start, fit, none, covariance)
+    return HeatBelief(kinds, cut_C, prior, start, fit, fit, none, covariance)

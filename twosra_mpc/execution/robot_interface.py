@@ -70,8 +70,9 @@ class Reading(ArrayValue):
         faulty: Whether the controller of each has given up on its sensor or heater.
         objects: Poses of the problem's objects in the frames, (k, objects, 3) [m, m, rad]; None
             from a robot whose camera sees no objects.
-        current_A: Currents that the controllers let flow; None from a robot that does not tell: it
-            is then taken for one that switches full current at the set-point.
+        current_A: Root mean square of the current that each controller has let flow since the
+            reading before, which is what heats; None from a robot that does not tell: it is then
+            taken for one that switches full current at the set-point.
     """
 
     time_s: float

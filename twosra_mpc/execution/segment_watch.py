@@ -54,7 +54,7 @@ _STANDS = 4  # of them that are the same
 _UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
-_EDGE = 0.4  # share of a period within which a switch, or a current, changed
+_EDGE = 0.4  # share of a period within which a switch changed
 _MORE_K = 3.0  # as much as a sensor may show too much
 
 
@@ -142,7 +142,7 @@ class SegmentWatch:
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
         self._usual_K, self._readings = 0.0, 0
-        self._was, self._recent_s = 0.0, -math.inf
+        self._recent_s = -math.inf
         self._recent_C: deque[float] = deque(maxlen=_RECENT)
 
     @property
@@ -203,7 +203,7 @@ class SegmentWatch:
             temperature_C: Of the segment, by its sensor.
             stiffness: As its controller reports it.
             faulty: True if that has given up.
-            current_A: Current it lets flow, if it tells.
+            current_A: Root mean square of its current since the one before, if it tells.
 
         Raises:
             SegmentError: If something is wrong.
@@ -272,8 +272,7 @@ class SegmentWatch:
         now_C = self._last_C if shown_C is None else shown_C
         soft, before_C = self._asked == "soft", min(self._last_C, _HOTTEST_C)
         if current_A is not None:
-            was, self._was = self._was, (current_A / heater.melt_current_A) ** 2
-            return Heat(passed_s, (was + self._was) / 2, abs(self._was - was) * _EDGE)
+            return Heat(passed_s, (current_A / heater.melt_current_A) ** 2)
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
             return Heat(passed_s, 0.0, held_C=now_C if held else None)

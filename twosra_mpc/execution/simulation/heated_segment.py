@@ -45,6 +45,7 @@ class HeatedSegment:
         self._lag = self.sensor.settled(self.start_C)
         self._reading_C = self.sensor.read_C(self._lag)
         self.memory, self.news = self.controller.start(self._reading_C), tuple[Event, ...]()
+        self._let_A2_s, self._untold_s = 0.0, 0.0
 
     @property
     def soft(self) -> bool:
@@ -64,12 +65,13 @@ class HeatedSegment:
     @property
     def current_A(self) -> float:
         """Current in the heater."""
-        return 0.0 if self.broken_heater else self.told_A
+        return 0.0 if self.broken_heater else self.memory.current_A
 
-    @property
     def told_A(self) -> float:
-        """Current that its controller asks for, whether it flows or not."""
-        return self.memory.current_A
+        """Root mean square of the current its controller asked for since this was last told."""
+        let_A2_s, untold_s = self._let_A2_s, self._untold_s
+        self._let_A2_s = self._untold_s = 0.0
+        return math.sqrt(let_A2_s / untold_s) if untold_s else self.memory.current_A
 
     @property
     def measured_C(self) -> float:
@@ -94,6 +96,8 @@ class HeatedSegment:
 
     def _step(self, setpoint_C: float, dt_s: float) -> None:
         model, current = self.model, self.current_A
+        self._let_A2_s += self.memory.current_A**2 * dt_s
+        self._untold_s += dt_s
         if current > 0:
             self.heat_J += model.energy_J(self.state, current, dt_s)
         before, self.state = self.state, model.propagate(self.state, current, dt_s)

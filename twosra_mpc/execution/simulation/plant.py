@@ -168,7 +168,7 @@ class SimulatedRobot:
             stiffness=tuple(segment.stiffness for segment in self.segments),
             faulty=tuple(segment.faulty for segment in self.segments),
             objects=self._objects_in([seen for _, _, seen in arrived if seen is not None]),
-            current_A=tuple(segment.told_A for segment in self.segments),
+            current_A=tuple(segment.told_A() for segment in self.segments),
         )
 
     def _objects_in(self, frames: list[Array]) -> Array | None:
