@@ -74,7 +74,7 @@ CONTRACT = {
     "": {
         *("format", "version", "package", "robot", "scenario", "planner", "status", "message"),
         *("duration_s", "lower_bound_s", "gap", "cost", "phases", "transitions", "samples"),
-        *("fastest_cost_s", "search_gap"),
+        *("fastest_cost_s", "search_gap", "confirmed_duration_s", "confirmed_lower_bound_s"),
         *("verification", "stats"),
     },
     "cost": {"total", "time_s", "energy_J", "transitions", "effort_s"},

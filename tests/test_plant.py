@@ -11,12 +11,12 @@ import pytest
 from once import planned
 
 from twosra_mpc import InputError, Problem, load_problem
+from twosra_mpc.control.heated_segment import HeatedSegment
+from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
-from twosra_mpc.execution.course import warm_setpoint_C
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
-from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
@@ -217,7 +217,7 @@ def test_a_wait_ends_when_a_segment_has_changed() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_segment_that_is_kept_warm_never_melts(seed: int) -> None:
     robot = SimulatedRobot(problem(), "arc", LEVELS["moderate"], seed)
-    robot.send(np.zeros(4), set_point(warm_setpoint_C(problem())))
+    robot.send(np.zeros(4), set_point(warm_setpoint_C(problem().robot, problem().ambient)))
     robot.wait(240.0)
     truth = robot.truth()
     assert not truth.melt_fraction.any()

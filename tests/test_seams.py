@@ -76,7 +76,8 @@ ALLOWED = {
 }
 # Against the flow, inside a function: module and what it imports -> why.
 AGAINST_THE_FLOW = {
-    ("plans/plan.py", "twosra_mpc.plotting.plan_figures"): "a notebook shows a plan as its figure"
+    ("plans/plan.py", "twosra_mpc.plotting.plan_figures"): "a notebook shows a plan as its figure",
+    ("plans/plan.py", "twosra_mpc.planning.conclusion"): "a search for what a run takes at least",
 }
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
@@ -319,9 +320,9 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_155, 228
-MOST_LINES = 35_800
-MOST_LINES_OF_TESTS = 33_060
+MOST_CORE_LINES, MOST_CORE_FILES = 28_345, 228  # the time as confirmed, its second account: 190
+MOST_LINES = 35_990
+MOST_LINES_OF_TESTS = 33_135
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 66  # paper-1, planned once before; two
 # more than before for starts in any state of the metal: its melt fractions, its stiffness
 

@@ -63,6 +63,9 @@ STUDIES: dict[str, Study] = {
     "closed-loop-hard": ClosedLoop(
         problems=("published-default",), level="hard", executors=("optimal",)
     ),
+    "closed-loop-none": ClosedLoop(
+        problems=("published",), level="none", executors=("optimal",), plant="as-planned"
+    ),
     "closed-loop-scenes": ClosedLoop(problems=("scenes-100:6",), executors=("optimal",)),
     "physics": ClosedLoop(
         problems=("published-default",), seeds=2, executors=("optimal",), plant="mujoco"

@@ -55,7 +55,7 @@ class ClosedLoop(Study):
     seeds: Count = 1
     executors: Executors = ("optimal", "greedy")
     path_models: PathModels = ("arc",)
-    plant: Literal["arc", "mujoco"] = "arc"
+    plant: Literal["arc", "as-planned", "mujoco"] = "arc"
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs; those that share a robot are neighbours."""
@@ -72,11 +72,16 @@ class ClosedLoop(Study):
             done = simulate(problem, executor=case.executor, **drawn)
         except (InputError, NoPlanError) as error:
             return {"ending": UNPLANNED, "reason": str(error)}
-        planned_s = done.run.plans[0].duration_s if done.run.plans else None
-        over = None if planned_s is None else done.run.duration_s / planned_s
+        planned_s = confirmed_s = over = None
+        if done.run.plans:
+            first = done.run.plans[0]
+            planned_s, confirmed_s = first.duration_s, first.confirmed and first.confirmed[0]
+            over = done.run.duration_s / planned_s
         log, rigid_C = done.run.log, problem.robot.heater.rigid_setpoint_C
         off = not log.wheel_rad_s[-1].any() and bool((log.setpoint_C[-1] <= rigid_C).all())
-        return {**done.metrics._asdict(), "planned_s": planned_s, "over_planned": over, "off": off}
+        kept = done.run.duration_s / confirmed_s if confirmed_s else None
+        own = {"planned_s": planned_s, "over_planned": over, "over_confirmed": kept, "off": off}
+        return {**done.metrics._asdict(), **own}
 
     def report(self, results: Sequence[Measured]) -> dict[str, Any]:
         """Runs that melted or froze more than their plans asked for."""

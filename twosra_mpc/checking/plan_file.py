@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.checking.cost import cost_of
+from twosra_mpc.checking.cost import cost_of, walked_s
 from twosra_mpc.checking.reintegration import between_problems
 from twosra_mpc.checking.verification import Findings, examine, verify
 from twosra_mpc.files import differences, json_document, read_text, reading
@@ -32,6 +32,7 @@ from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, new_times
 from twosra_mpc.problem.tolerances import (
+    CONFIRMED_TOLERANCE,
     DEFECT_TOLERANCE,
     EFFORT_TOLERANCE,
     FIT_TOLERANCE,
@@ -156,6 +157,7 @@ def _check_claims(
         _between_samples(plan.trajectory),
         *_cost(plan, cost),
         *_proof(costed, result.status),
+        *_confirmed(costed, document),
         *_copies(result, costed, document),
         _stored(plan.verification, found.verification),
     )
@@ -257,6 +259,22 @@ def _proof(plan: Plan, status: Status) -> Iterator[Check]:
     earned = Status.OPTIMAL if gap <= asked else Status.FEASIBLE
     text = f"{status}; gap {gap:z.3g}, asked {asked:zg}: {earned}, planner {plan.planner}"
     yield Check("status", text, status is earned and plan.planner == "optimal")
+
+
+def _confirmed(plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
+    """The time until all is known to be done, if it is told, by a walk through the phases."""
+    said_s, least_s = (document.get(f"confirmed_{name}_s") for name in ("duration", "lower_bound"))
+    if said_s is not None:
+        walked = walked_s(plan) if plan.robot.describes_heat else math.nan
+        off, most = abs(said_s - walked), CONFIRMED_TOLERANCE * walked
+        shared = plan.problem.heaters_at_once < plan.robot.coordinates.segments  # it waits longer
+        same = off <= most or (shared and said_s >= walked)
+        text = f"{said_s:z.3f} s; a walk through the phases takes {walked:z.3f} s"
+        yield Check("confirmed_duration_s", text, same)
+    if least_s is not None:
+        within = said_s is not None and 0.0 <= least_s <= said_s * (1 + ROUNDING)
+        text = f"{_number(least_s)} s, {'' if within else 'not '}between 0 and {_number(said_s)} s"
+        yield Check("confirmed_lower_bound_s", text, within)
 
 
 def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Check]:

@@ -16,7 +16,7 @@ from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, O
 from twosra_mpc.installation import require
 from twosra_mpc.planning.conclusion import Progress
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.plans.plan import Plan, Status, above_bound
+from twosra_mpc.plans.plan import Plan, Status, above_bound, as_confirmed
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem
@@ -127,6 +127,8 @@ def _print_summary(result: Result) -> None:
 def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
     cost, check = plan.cost, plan.verification
     yield "duration", f"{cost.time_s:z.2f} s ({plan.moving_s:z.2f} s of it moving)"
+    if words := as_confirmed(plan):
+        yield "run", words
     if plan.gap is not None:
         yield "lower bound", f"{plan.lower_bound:z.2f} s; the plan costs {above_bound(plan)}"
     yield "energy", f"{cost.energy_J:z.0f} J in {cost.transitions} transitions"

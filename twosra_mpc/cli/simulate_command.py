@@ -30,6 +30,7 @@ from twosra_mpc.execution.simulation.simulate import (
     spread,
 )
 from twosra_mpc.files import write_json
+from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
@@ -124,8 +125,7 @@ def simulate_command(
 
 def _print_run(simulation: Simulation) -> None:
     run, found = simulation.run, simulation.metrics
-    planned = run.plans[0].duration_s if run.plans else None
-    against = "" if planned is None else f", planned were {planned:z.1f} s"
+    against = f", planned were {planned_words(run.plans[0])}" if run.plans else ""
     degrees, curvature = math.degrees(found.heading_rad), found.curvature_per_m
     error = f"{1e3 * found.position_m:z.2f} mm, {degrees:z.2f} degrees, {curvature:z.2f} 1/m"
     again = f"{times(run.replans)}, and the pose was corrected {times(run.corrections)}"
@@ -190,7 +190,7 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
     if cleared := [1e3 * m for each in found if (m := each.least_clearance_m) is not None]:
         least = f"least {min(cleared):z.4g}"
         rows.append(("true clearance [mm]", f"{np.median(cleared):z.4g}", "", least))
-    planned = f", planned {result.plan.duration_s:z.1f} s" if result.plan else ""
+    planned = f", planned {planned_words(result.plan)}" if result.plan else ""
     print_table((f"{problem.robot.name}{planned}", "median", "90 %", "largest"), rows)
     reasons = [(each.ending, each.touched or each.reason) for each in found if not each.reached]
     if reasons:

@@ -35,6 +35,10 @@ CLEARLY_SOLID_K = 2.5
 SURELY_LIQUID_K = 1.0  # of the estimate: the melting point may be higher
 SURELY_SOLID_K = 8.0  # of the estimate: coils heat up to a third faster than the observer knows
 
+CLEARLY_S = 12.0  # for which metal surely stays soft without heat that is soft clearly
+MOVED_K, WITHIN_S = 1.0, 20.0  # of a reading that does not stand still as metal does that changes
+_WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
+
 _CORRECTION_PER_S = 0.05  # a tenth of where it turns unstable, with lags of 4 s and 4 s
 
 
@@ -227,3 +231,20 @@ def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRul
         allowed = f"less than {rule.solid_below_C:zg} C, below which the segment is rigid"
         raise InputError("ambient_C", ambient_C, allowed)
     return rule
+
+
+def clearly_soft(stays_liquid_s: float, moved_K: float) -> bool:
+    """True of metal that is liquid for as long without heat, if its reading moved by so much."""
+    return stays_liquid_s >= CLEARLY_S and moved_K >= MOVED_K
+
+
+def clearly_rigid(solid: bool, moved_K: float) -> bool:
+    """True of metal that is solid for sure, or not, if its reading moved by so much."""
+    return solid and moved_K <= -MOVED_K
+
+
+def warm_setpoint_C(robot: Robot, air_C: float) -> float:
+    """Temperature at which a segment is surely solid, even if its heater is a third stronger."""
+    segments = range(robot.coordinates.segments)
+    melts_from_C = min(stiffness_rule(robot, air_C, j).rigid_until_C for j in segments)
+    return air_C + _WARM_SHARE * (melts_from_C - air_C)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.control.stiffness import KnownStiffness, clearly_rigid, clearly_soft
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
@@ -26,8 +26,6 @@ from twosra_mpc.robot.modes import Mode, is_rigid
 _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
-_CLEARLY_S = 12.0  # for which metal surely stays soft without heat that is soft clearly
-_MOVED_K = 1.0  # of a reading in 20 s that does not stand still as metal does that changes
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
 
 
@@ -345,9 +343,9 @@ class Belief:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
         watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
         goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
-        if goes_on or (coasts_s >= _CLEARLY_S and watch.moved_K >= _MOVED_K):
+        if goes_on or clearly_soft(coasts_s, watch.moved_K):
             return "soft"
-        if self.doubt is not None and watch.surely_solid and watch.moved_K <= -_MOVED_K:
+        if self.doubt is not None and clearly_rigid(watch.surely_solid, watch.moved_K):
             return "rigid"
         return "changing" if reported == "soft" and not watch.may_be_soft else reported
 

@@ -15,19 +15,16 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from twosra_mpc.control.stiffness import stiffness_rule
+from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Next, rest
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness, mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
-
-_WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
 
 
 class Progress(NamedTuple):
@@ -55,20 +52,12 @@ class HeaterSchedule:
     @cached_property
     def warm_C(self) -> float:
         """Set-point at which a segment is kept warm, surely solid."""
-        return warm_setpoint_C(self.plan.problem)
+        return warm_setpoint_C(self.plan.robot, self.plan.problem.ambient)
 
     @cached_property
     def _start_mode(self) -> Mode:
         """Asked for in every period of a run."""
         return self.plan.problem.start_mode
-
-    @property
-    def last_mode(self) -> Mode:
-        """Mode that the plan ends in: the goal's, or as the last task leaves the segments."""
-        mode = list(self._start_mode)
-        for item in sorted(self.plan.transitions, key=lambda item: item.done_s):
-            mode[item.segment - 1] = int(item.to == "soft")
-        return tuple(mode)
 
     def setpoints(self, now: Progress) -> Array:
         """Set-points of the segments [C], (n,)."""
@@ -109,14 +98,6 @@ class HeaterSchedule:
 
 def _reached(now: Progress, time_s: float) -> bool:
     return now.clock_s >= time_s - SAME_TIME_S
-
-
-def warm_setpoint_C(problem: Problem) -> float:
-    """Temperature at which a segment is surely solid, even if its heater is a third stronger."""
-    robot, air = problem.robot, problem.ambient
-    segments = range(robot.coordinates.segments)
-    melts_from_C = min(stiffness_rule(robot, air, j).rigid_until_C for j in segments)
-    return air + _WARM_SHARE * (melts_from_C - air)
 
 
 class Abort(NamedTuple):
@@ -184,13 +165,13 @@ class Course:
         """A phase in words; the number of phases is the plan's end."""
         phases = self.plan.phases
         if index == len(phases):
-            return f"the end {mode_name(self.schedule.last_mode)}"
+            return f"the end {mode_name(self.plan.last_mode)}"
         return f"phase {index + 1} of {len(phases)} {mode_name(phases[index].mode)}"
 
     def needs(self, index: int) -> tuple[Mode, float]:
         """Mode of a phase, or at the plan's end, and the time of the plan at which it is needed."""
         if index == len(self.plan.phases):
-            return self.schedule.last_mode, self.plan.trajectory.duration_s
+            return self.plan.last_mode, self.plan.trajectory.duration_s
         phase = self.plan.phases[index]
         return phase.mode, phase.start_s
 

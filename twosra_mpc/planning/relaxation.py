@@ -41,7 +41,7 @@ from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
-from twosra_mpc.timing import transition_model
+from twosra_mpc.timing import TransitionModel, transition_model
 
 _CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
 _NARROW_PER_M = 3.0  # half-width of a box of shapes whose bends are looked at more closely
@@ -57,6 +57,7 @@ def stage_tree(
     solver: Solver[Solution],
     excluded: frozenset[ModeSequence] = frozenset(),
     in_the_way: Sequence[Sequence[InTheWay]] | None = None,
+    timing: TransitionModel | None = None,
 ) -> Tree[Solution]:
     """Build the tree of the variants of a problem and of the mode sequences of their stages.
 
@@ -66,10 +67,11 @@ def stage_tree(
         solver: Makes plans of one sequence of each stage.
         excluded: Sequences that are not to be used.
         in_the_way: What is in the way of each stage of every variant; nothing if left out.
+        timing: The transition model, if it is not the problem's.
     """
     return tree_of(
         Nodes([stage_bounds(each) for each in variants], problem.start_stiffness),
-        transition_model(problem),
+        timing or transition_model(problem),
         problem.cost_weights,
         relaxation(problem),
         solver,

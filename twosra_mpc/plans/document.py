@@ -56,8 +56,8 @@ class PlanDocument(BaseModel):
     ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
     ``fastest_cost_s`` and ``search_gap`` are younger, too: without them nothing is known of how
-    much slower a plan is on purpose. ``certificate`` is there where one was asked for;
-    ``checking.certificate`` reads it.
+    much slower a plan is on purpose; so are ``confirmed_duration_s`` and its bound.
+    ``certificate`` is there where one was asked for; ``checking.certificate`` reads it.
     ``warnings`` stands in what ``--json`` prints: doubts about the input, which the plan is not
     about. With tasks or objects files are of version 3, which is version 2 with ``tasks`` and
     ``carried``; in version 2 plans only pass boxes. A robot without ``unit_frame_m`` is older than
@@ -76,6 +76,8 @@ class PlanDocument(BaseModel):
     message: str
     duration_s: float | None
     lower_bound_s: float | None
+    confirmed_duration_s: float | None = None
+    confirmed_lower_bound_s: float | None = None
     gap: float | None
     fastest_cost_s: float | None = None
     search_gap: float | None = None

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, NoReturn
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -20,9 +21,12 @@ from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import ModeSequence, sequence_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.validation import ArrayValue
+
+if TYPE_CHECKING:
+    from twosra_mpc.planning.conclusion import ConfirmedTime
 
 _SAME = 1e-9  # of a cost: no more than rounding
 
@@ -156,6 +160,25 @@ class Plan(ArrayValue):
         return tuple(phase.mode for phase in self.phases)
 
     @property
+    def last_mode(self) -> Mode:
+        """Mode that it ends in: the goal's, or as the last task leaves the segments."""
+        mode = list(self.problem.start_mode)
+        for item in sorted(self.transitions, key=lambda item: item.done_s):
+            mode[item.segment - 1] = int(item.to == "soft")
+        return tuple(mode)
+
+    @cached_property
+    def confirmed(self) -> ConfirmedTime | None:
+        """How long a robot exactly as described takes until all is known to be done, and a bound.
+
+        ``duration_s`` is when the metal is as planned; a run goes on when it knows. None if the
+        segments are not described, or heaters that are told so late cannot make the phases.
+        """
+        from twosra_mpc.planning.conclusion import confirmed_time  # only where it is asked for
+
+        return confirmed_time(self)
+
+    @property
     def gap(self) -> float | None:
         """Proved relative gap (cost - lower bound) / cost; None without a lower bound."""
         return _gap(self.cost.total, self.lower_bound)
@@ -219,11 +242,14 @@ class Plan(ArrayValue):
     def to_dict(self) -> dict[str, Any]:
         """The plan as plain data, as in the published file format."""
         tasks = self.problem.tasks or self.problem.objects
+        confirmed_s, least_s = self.confirmed or (None, None)
         return {
             "scenario": self.problem.scenario(),
             "planner": self.planner,
             "duration_s": self.duration_s,
             "lower_bound_s": self.lower_bound,
+            "confirmed_duration_s": confirmed_s,
+            "confirmed_lower_bound_s": least_s,
             "gap": self.gap,
             "fastest_cost_s": self.fastest_cost,
             "search_gap": self.search_gap,
@@ -269,6 +295,21 @@ def headline(plan: Plan) -> str:
     known = f"by the {plan.planner} rule" if plan.lower_bound is None else quality(plan)
     comma = " " if plan.lower_bound is None else ", "
     return f"{_costs(plan)}{plan.cost.total:z.1f} s{comma}{known}"
+
+
+def planned_words(plan: Plan) -> str:
+    """Say how long a plan takes, and how long until runs know that it is done."""
+    told = "" if plan.confirmed is None else f", {plan.confirmed.duration_s:z.1f} s as confirmed"
+    return f"{plan.duration_s:z.1f} s{told}"
+
+
+def as_confirmed(plan: Plan) -> str:
+    """Say how long it takes until runs know that a plan is done, and any; nothing if unknown."""
+    if plan.confirmed is None:
+        return ""
+    time_s, least_s = plan.confirmed
+    bound = "" if least_s is None else f"; no plan in less than {least_s:z.2f} s"
+    return f"{time_s:z.2f} s until all melts and freezes are confirmed{bound}"
 
 
 def above_bound(plan: Plan) -> str:

@@ -18,7 +18,8 @@ from twosra_mpc.validation import ArrayValue
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and with tasks or objects
 
 _NO_PLAN: dict[str, Any] = {
-    **dict.fromkeys(("duration_s", "gap", "fastest_cost_s", "search_gap")),
+    **dict.fromkeys(("duration_s", "confirmed_duration_s", "confirmed_lower_bound_s")),
+    **dict.fromkeys(("gap", "fastest_cost_s", "search_gap")),
     **dict.fromkeys(("cost", "samples", "verification")),
     **{"phases": [], "transitions": []},
 }

@@ -15,7 +15,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.plan import Plan, quality
+from twosra_mpc.plans.plan import Plan, planned_words, quality
 from twosra_mpc.plans.trajectory import Phase, Samples, Stretch, stretches
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
@@ -56,7 +56,7 @@ def plan_title(plan: Plan) -> str:
     if each := stretches(plan.trajectory):
         sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
     planner = "" if plan.planner == "optimal" else f"planner {plan.planner}, "
-    return f"{sequence} in {plan.duration_s:z.1f} s: {planner}{plan.status}\n{quality(plan)}"
+    return f"{sequence} in {planned_words(plan)}: {planner}{plan.status}\n{quality(plan)}"
 
 
 def phase_rows(samples: Samples, phase: Phase) -> Array:

@@ -21,6 +21,7 @@ from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plans.trajectory import Interval, Phase
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
@@ -58,8 +59,7 @@ def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = Non
 
 def run_title(run: Run) -> str:
     """Ending of the run, in a line or two."""
-    planned = run.plans[0].duration_s if run.plans else None
-    against = "" if planned is None else f" (planned: {planned:z.0f} s)"
+    against = f" (planned: {planned_words(run.plans[0])})" if run.plans else ""
     again = f", planned again {times(run.replans)}" if run.replans else ""
     first = f"{run.reason[0].upper()}{run.reason[1:]}"
     transitions = f"{run.transitions} transition{'s' * (run.transitions != 1)}"

@@ -48,6 +48,8 @@ LEVEL_TOLERANCE = 1e-7
 """Share of the heat of melting that may lack, besides a model's replay tolerance."""
 TEMPERATURE_TOLERANCE_C, FRACTION_TOLERANCE = 0.02, 2e-3
 """By so much stated temperatures and melt fractions may be others than the currents lead to."""
+CONFIRMED_TOLERANCE = 0.01
+"""Share by which two accounts of a confirmed time may differ: melts begin early, or late."""
 ROUNDING = 1e-9
 """Share by which two numbers may differ that are worked out alike: a sum of n doubles is exact to
 n 2^-53 of their sizes, and a plan has less than 10^6 samples. It also is what a product of two

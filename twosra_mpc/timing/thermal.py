@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 
+from twosra_mpc.control.heated_segment import confirming_windows
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, Stiffness
 from twosra_mpc.robot.timing import ThermalTiming
@@ -24,6 +26,7 @@ from twosra_mpc.thermal.heating import (
 )
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.thermal.model import State
+from twosra_mpc.thermal.uncertainty import Windows
 from twosra_mpc.timing.network import (
     Delay,
     Dwell,
@@ -217,6 +220,10 @@ class Thermal(TransitionModel):
         """How each segment is heated."""
         return tuple(self._plan(j) for j in range(len(self.first)))
 
+    def windows(self, segment: int) -> Windows:
+        """How far real transitions of a segment (from 0) may differ from the model's."""
+        return self.problem.windows(segment)
+
     def _plan(self, segment: int) -> HeatingPlan:
         problem, heater = self.problem, self.problem.robot.heater
         solid_below_C, _ = problem.segment_thresholds_C[segment]
@@ -228,7 +235,7 @@ class Thermal(TransitionModel):
             melt_current_A=heater.melt_current_A,
             soft_setpoint_C=heater.soft_setpoint_C,
             rigid_setpoint_C=heater.rigid_setpoint_C,
-            windows=problem.windows(segment),
+            windows=self.windows(segment),
             keep_warm=warm if problem.heating == "keep_warm" and may_keep_warm else None,
         )
 
@@ -323,6 +330,29 @@ class Thermal(TransitionModel):
             return found
 
         return heated
+
+
+@dataclass(frozen=True)
+class Confirmed(Thermal):
+    """Melting and freezing by the thermal model of each segment, until a run goes on with it."""
+
+    def windows(self, segment: int) -> Windows:
+        return confirming_windows(self.problem.robot, self.problem.ambient, segment)
+
+
+def confirmed_model(problem: Problem) -> Confirmed | None:
+    """Transition model of a problem as it is confirmed; None if segments are not described.
+
+    Where a problem names constant times, those of the robot's first thermal timing: that is what
+    its metal does.
+    """
+    if not problem.transition_times.needs_segment:
+        named = problem.robot.timing.items()
+        thermal = next((name for name, times in named if times.needs_segment), None)
+        if thermal is None or not problem.robot.describes_heat:
+            return None
+        problem = problem.with_values(timing=thermal)
+    return Confirmed(ThermalTiming(overlap="thermal"), problem)
 
 
 @dataclass(frozen=True)

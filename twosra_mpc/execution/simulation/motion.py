@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from twosra_mpc.control.heated_segment import HeatedSegment
 from twosra_mpc.execution.guard import bends_into_itself
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.simulation.disturbance import Disturbance
-from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.physics.engine import DivergedError, Engine
 from twosra_mpc.problem.problem import Problem

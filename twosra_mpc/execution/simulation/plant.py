@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twosra_mpc.arguments import check_size, public
+from twosra_mpc.control.heated_segment import LONGEST_STEP_S, HeatedSegment
 from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
-from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
 from twosra_mpc.execution.simulation.motion import Motion, PathMotion, PhysicsMotion
 from twosra_mpc.physics.engine import Engine
 from twosra_mpc.planning.planner import plan as find_plan

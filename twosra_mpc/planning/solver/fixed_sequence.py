@@ -20,7 +20,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
-from twosra_mpc.timing import TemporalNetwork, transition_model
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, transition_model
 
 INTERVALS = 10
 _STEPS = 2
@@ -118,13 +118,16 @@ def timed(
 
 
 def feasible_schedule(
-    network: TemporalNetwork, durations: Array, problem: Problem
+    network: TemporalNetwork,
+    durations: Array,
+    problem: Problem,
+    timing: TransitionModel | None = None,
 ) -> tuple[Array, TemporalNetwork] | None:
     """Event times that what happens before each transition allows, and the network they fulfil.
 
-    None if none are found.
+    None if none are found. The transition model is the problem's, unless told.
     """
-    model = transition_model(problem)
+    model = timing or transition_model(problem)
     for _ in range(_SCHEDULE_ROUNDS):
         try:
             times = schedule(network, durations, problem.cost_weights)

@@ -1,0 +1,99 @@
+"""The time in which a plan is confirmed: of a run, of a second account, and bounded."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from twosra_mpc import Plan, load_problem, load_robot, plan
+from twosra_mpc.checking.cost import walked_s
+from twosra_mpc.checking.plan_file import checked_text
+from twosra_mpc.control.heated_segment import confirming_windows
+from twosra_mpc.execution import simulate
+from twosra_mpc.planning.conclusion import ConfirmedTime
+
+
+def confirmed(made: Plan) -> ConfirmedTime:
+    assert made.confirmed is not None
+    return made.confirmed
+
+
+@pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-paper"])
+@pytest.mark.parametrize("number", [2, 5])
+def test_a_robot_as_described_takes_the_confirmed_time(robot: str, number: int) -> None:
+    """Published problems with one freeze and with two, whose melts are in series."""
+    made = plan(load_problem(f"paper-{number}", robot=robot)).require()
+    ran = simulate(made.problem, plant="as-planned", disturbance="none", plan=made)
+    assert ran.metrics.reached
+    assert 0.97 <= ran.run.duration_s / confirmed(made).duration_s <= 1.05
+
+
+@pytest.mark.parametrize(
+    ("scenario", "given"),
+    [
+        ("paper-1", {}),
+        ("paper-1", {"planner": "greedy"}),
+        ("paper-3", {"timing": "constant"}),
+        ("paper-3", {"heaters_at_once": 1}),
+        ("three-segments", {}),
+        ("grasp-cube", {}),
+    ],
+)
+def test_two_accounts_agree_from_any_state(scenario: str, given: dict[str, object]) -> None:
+    """A network with late melts, and a walk with early ones; also of what is left of a plan."""
+    made = plan(load_problem(scenario, **given)).require()
+    rests = [] if made.problem.tasks else [0.1, 0.3, 0.6]
+    for each in (made, *(plan(made.rest_at(s * made.duration_s)).require() for s in rests)):
+        assert confirmed(each).duration_s == pytest.approx(walked_s(each), rel=1e-6)
+        assert confirmed(each).duration_s >= (each.duration_s if each.planner == "optimal" else 0)
+
+
+def test_two_accounts_agree_where_the_body_is_slow() -> None:
+    """Segments of two temperatures: early and late melts leave another body behind."""
+    robot = load_robot("2sr-v2")
+    goal = {"kappa_per_m": [12.0, -7.0]}
+    made = plan(load_problem("rigid-move", robot=robot, goal=goal)).require()
+    assert sum(map(sum, made.sequence)) > 0
+    assert confirmed(made).duration_s == pytest.approx(walked_s(made), rel=0.01)
+
+
+def test_no_plan_is_confirmed_sooner_than_the_bound() -> None:
+    """Of other sequences, as many as are planned when the best one is forbidden."""
+    problem = load_problem("paper-3")
+    bound_s = confirmed(plan(problem).require()).lower_bound_s
+    assert bound_s is not None
+    for modes in (((0, 0), (1, 0), (0, 1)), ((0, 0), (1, 1), (1, 0)), ((0, 0), (0, 1), (1, 1))):
+        other = plan(problem.with_values(modes=modes)).require()
+        assert confirmed(other).duration_s >= bound_s
+
+
+def test_windows_hold_the_model_s_own_times() -> None:
+    for name in ("2sra-v1", "2sr-v2", "3sra"):
+        robot = load_robot(name)
+        for j in range(robot.coordinates.segments):
+            windows = confirming_windows(robot, robot.heater.ambient_C, j)
+            assert 0.0 < windows.melt_early <= 1.0 <= windows.melt_late < 1.5
+            assert windows.freeze_early == 0.0
+            assert 1.0 <= windows.freeze_late < 1.5
+
+
+@pytest.mark.parametrize(
+    ("key", "factor"), [("confirmed_duration_s", 1.02), ("confirmed_lower_bound_s", 1.2)]
+)
+def test_a_false_claim_is_found(key: str, factor: float) -> None:
+    document = plan(load_problem("paper-2")).to_dict()
+    assert checked_text(json.dumps(document), "plan.json").ok
+    document[key] *= factor
+    found = checked_text(json.dumps(document), "plan.json")
+    assert [one.name for one in found.checks if not one.ok] == [key]
+
+
+def test_nothing_is_told_without_segments() -> None:
+    known = load_robot("2sra-v1")
+    constant = {name: one for name, one in known.timing.items() if not one.needs_segment}
+    robot = known.with_values(segment=None, timing=constant)
+    document = plan(load_problem("paper-2", timing="constant", robot=robot)).to_dict()
+    assert document["confirmed_duration_s"] is None
+    assert np.isfinite(document["duration_s"])

@@ -1,0 +1,214 @@
+"""One segment with all that belongs to it: heater, thermistor, controller; when it is confirmed.
+
+A run takes a segment for soft or rigid when its controller says so by its sensor (`stiffness`), or,
+as it knows the metal, too, when metal that is surely liquid, or solid, has left the plateau. So it
+knows later than the metal changes. A melt is not begun before the robot is done with what it must
+be rigid for, only warmed up; and a heater goes off when the robot is done with what it must be soft
+for, so that liquid metal has all its heat to lose yet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from twosra_mpc.control.stiffness import (
+    WITHIN_S,
+    KnownStiffness,
+    clearly_rigid,
+    clearly_soft,
+    warm_setpoint_C,
+)
+from twosra_mpc.control.stiffness_controller import Event, StiffnessController, stiffness_controller
+from twosra_mpc.control.thermistor import TemperatureSensor, temperature_sensor
+from twosra_mpc.robot.description import Robot, segment_model
+from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.robot.segment import Heater
+from twosra_mpc.thermal.model import SegmentModel, reference_times
+from twosra_mpc.thermal.uncertainty import Windows
+
+LONGEST_STEP_S = 0.2  # the controller must be called at least so often
+_LONGEST_S = 3600.0  # of a change that is waited for
+
+
+@dataclass(eq=False)
+class HeatedSegment:
+    """A segment as it is, its sensor as it is, and the controller with the robot as it knows it.
+
+    Attributes:
+        model: Its true thermal behaviour.
+        sensor: Its true sensor.
+        controller: Its controller.
+        start_C: Temperature at which metal and sensor rest at first.
+        rng: For the sensor's noise.
+        rigid_setpoint_C: Set-points up to this switch the heater off.
+        broken_heater: Whether the heater's wire is broken: no current ever flows.
+        memory: State of the controller.
+        news: Events that it told in its last step.
+    """
+
+    model: SegmentModel
+    sensor: TemperatureSensor
+    controller: StiffnessController
+    start_C: float
+    rng: np.random.Generator
+    rigid_setpoint_C: float
+    broken_heater: bool = False
+
+    def __post_init__(self) -> None:
+        self.state, self.heat_J = self.model.initial(self.start_C), 0.0
+        self._lag = self.sensor.settled(self.start_C)
+        self._reading_C = self.sensor.read_C(self._lag)
+        self.memory, self.news = self.controller.start(self._reading_C), tuple[Event, ...]()
+        self._let_A2_s, self._untold_s = 0.0, 0.0
+
+    @property
+    def soft(self) -> bool:
+        """True if all the metal is in truth liquid."""
+        return self.model.level(self.state) >= self.model.liquid_level
+
+    @property
+    def temperature_C(self) -> float:
+        """True temperature of the metal."""
+        return self.model.temperature_C(self.state)
+
+    @property
+    def melt_fraction(self) -> float:
+        """True share of the metal that is liquid."""
+        return self.model.melt_fraction(self.state)
+
+    @property
+    def current_A(self) -> float:
+        """Current in the heater."""
+        return 0.0 if self.broken_heater else self.memory.current_A
+
+    def told_A(self) -> float:
+        """Root mean square of the current its controller asked for since this was last told."""
+        let_A2_s, untold_s = self._let_A2_s, self._untold_s
+        self._let_A2_s = self._untold_s = 0.0
+        return math.sqrt(let_A2_s / untold_s) if untold_s else self.memory.current_A
+
+    @property
+    def measured_C(self) -> float:
+        """Temperature of the segment as its controller understands the sensor."""
+        return self.controller.segment_C(self._reading_C)
+
+    @property
+    def stiffness(self) -> KnownStiffness:
+        """What the controller reports."""
+        return self.memory.stiffness
+
+    @property
+    def faulty(self) -> bool:
+        """True if the controller reports a fault."""
+        return self.memory.protection == "fault"
+
+    def advance(self, setpoint_C: float, duration_s: float) -> None:
+        """Let time pass under a set-point."""
+        steps = max(1, math.ceil(duration_s / LONGEST_STEP_S - 1e-9))
+        for _ in range(steps):
+            self._step(setpoint_C, duration_s / steps)
+
+    def _step(self, setpoint_C: float, dt_s: float) -> None:
+        model, current = self.model, self.current_A
+        self._let_A2_s += self.memory.current_A**2 * dt_s
+        self._untold_s += dt_s
+        if current > 0:
+            self.heat_J += model.energy_J(self.state, current, dt_s)
+        before, self.state = self.state, model.propagate(self.state, current, dt_s)
+        here, then = model.temperature_C(before), model.temperature_C(self.state)
+        self._lag = self.sensor.follow(self._lag, here, then, dt_s)
+        error_C = self.sensor.noise_C * self.rng.standard_normal()
+        self._reading_C = self.sensor.read_C(self._lag, error_C)
+        wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
+        held_C = max(setpoint_C, self.controller.soft_setpoint_C)
+        controller = self.controller.holding(held_C)
+        self.memory, self.news = controller.step(self.memory, wanted, self._reading_C, dt_s)
+
+    def _heats(self, setpoint_C: float) -> bool:
+        """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""
+        if setpoint_C >= self.controller.soft_setpoint_C:
+            return True
+        if setpoint_C <= self.rigid_setpoint_C:
+            return False
+        observed = self.controller.rule.observer.model
+        return observed.temperature_C(self.memory.known.estimate.state) < setpoint_C
+
+
+def confirming_windows(robot: Robot, air_C: float, segment: int) -> Windows:
+    """Windows of transitions as they are confirmed: when none may begin yet, and has been told.
+
+    As those of `thermal.uncertainty`, relative to the times of the segment (from 0) as described.
+
+    Raises:
+        InputError: If the robot file has no ``[segment]``, or nothing would freeze in this air.
+    """
+    return _Driven(
+        segment_model(robot, air_C, segment),
+        temperature_sensor(robot, air_C, segment),
+        stiffness_controller(robot, air_C, segment),
+        robot.heater,
+        warm_setpoint_C(robot, air_C),
+    ).windows()
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """A segment exactly as described, driven through the rules: a melt, and the freeze after it."""
+
+    model: SegmentModel
+    sensor: TemperatureSensor
+    controller: StiffnessController
+    heater: Heater
+    warm_C: float
+
+    @lru_cache(maxsize=16)  # noqa: B019  # bounded; segments that are alike share it
+    def windows(self) -> Windows:
+        """Windows; those of the model where it never melts or freezes."""
+        model, heater = self.model, self.heater
+        full_A, cold = heater.melt_current_A, model.initial(model.ambient_C)
+        lead_s, melts_s, _, freezes_s = reference_times(model, full_A, heater.soft_setpoint_C)
+        melted_s, frozen_s = self._confirmed_s()
+        hot = model.propagate(cold, full_A, melted_s)  # as a plan has it
+        if model.level(hot) < model.level_at(heater.soft_setpoint_C):
+            freezes_s = model.time_until(hot, 0.0, model.solid_level)
+        warmed_s = model.time_until(cold, full_A, model.level_at(self.warm_C))
+        return Windows(
+            melt_early=min(1.0, warmed_s / lead_s),
+            melt_late=max(1.0, melted_s / melts_s),
+            freeze_early=0.0,
+            freeze_late=max(1.0, frozen_s / freezes_s),
+        )
+
+    def _confirmed_s(self) -> tuple[float, float]:
+        """Heater on to soft, and off to rigid."""
+        model, off_C = self.model, self.heater.rigid_setpoint_C
+        exact, still = replace(self.sensor, noise_C=0.0), np.random.default_rng(0)
+        segment = HeatedSegment(model, exact, self.controller, model.ambient_C, still, off_C)
+        shown = deque([segment.measured_C], maxlen=1 + round(WITHIN_S / LONGEST_STEP_S))
+
+        def passed_s(setpoint_C: float, to: Stiffness) -> float:
+            passed_s = 0.0
+            while passed_s < _LONGEST_S:
+                segment.advance(setpoint_C, LONGEST_STEP_S)
+                passed_s += LONGEST_STEP_S
+                shown.append(segment.measured_C)
+                if self._clearly(segment, shown[-1] - shown[0]) == to or segment.stiffness == to:
+                    break
+            return passed_s
+
+        return passed_s(self.heater.soft_setpoint_C, "soft"), passed_s(off_C, "rigid")
+
+    def _clearly(self, segment: HeatedSegment, moved_K: float) -> Stiffness | None:
+        """What a segment is to whoever knows its metal; None: that is not clear yet."""
+        model, state = self.model, segment.state
+        level, stays_s = model.level(state), 0.0
+        if level > model.liquid_level:
+            stays_s = model.time_until(state, 0.0, model.liquid_level)
+        if clearly_soft(stays_s, moved_K):
+            return "soft"
+        return "rigid" if clearly_rigid(level <= model.solid_level, moved_K) else None
