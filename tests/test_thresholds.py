@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from problems import random_problem
+from thermal_problems import V2, thermal_problem
 
 from twosra_mpc import Goal, InputError, Problem, load_problem, plan
 from twosra_mpc.lab.worlds.occupancy_map import read_map
 from twosra_mpc.problem.limits import body_gaps_m, workspace_margins
 from twosra_mpc.problem.tolerances import UNSEEN_M, kept_from_m
+from twosra_mpc.robot.modes import RIGID, Mode, all_modes
+from twosra_mpc.timing import transition_model
 
 ROBOT = load_problem("paper-1").robot
 LIMITED = ROBOT.with_values(limits=ROBOT.limits.with_values(curvature_per_m=40.0))
@@ -148,6 +151,67 @@ def test_rounding_changes_no_random_problem(name: str, seed: int) -> None:
     )
     assert len(set(verdicts)) == 1
     assert np.ptp(costs) <= SAME_S
+
+
+ENDS = [(0.0, 1e-9), (1.0, 1 - 1e-9)]  # of a melt fraction, and beside them
+OF_METAL = st.tuples(
+    st.integers(0, 10_000),
+    st.sampled_from(["nominal", "constant", "paper"]),
+    st.sampled_from([1, 2]),
+    st.tuples(st.sampled_from(ENDS), st.sampled_from(ENDS)),
+)
+
+
+def at_its_melting_point(problem: Problem, shares: Iterable[float]) -> Problem:
+    """The problem with so much of each segment molten, as warm as metal is that changes."""
+    each = list(zip(problem.segment_thresholds_C, shares, strict=True))
+    temperatures = [solid + share * (liquid - solid) for (solid, liquid), share in each]
+    molten = {"temperature_C": temperatures, "melt_fraction": [share for _, share in each]}
+    return problem.with_values(start=problem.start.with_values(**molten))
+
+
+@given(OF_METAL)
+@settings(max_examples=6)
+def test_metal_that_all_but_changes_costs_as_much_as_metal_that_does(
+    drawn: tuple[int, str, int, tuple[tuple[float, float], ...]],
+) -> None:
+    """Solid or liquid at the melting point, or molten by a billionth less or more."""
+    seed, timing, heaters, shares = drawn
+    problem = random_problem(seed, timing=timing, heaters_at_once=heaters, gap=0.01)
+    exact, beside = (
+        plan(at_its_melting_point(problem, some)).require() for some in zip(*shares, strict=True)
+    )
+    assert exact.status == beside.status
+    assert exact.cost.total == pytest.approx(beside.cost.total, rel=2 * problem.gap)
+    assert exact.lower_bound == pytest.approx(beside.lower_bound, rel=2 * problem.gap)
+
+
+@given(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), st.sampled_from(all_modes(2)))
+def test_a_fixed_wait_changes_steadily_with_what_is_molten(
+    shares: tuple[float, float], mode: Mode
+) -> None:
+    """No faster than all waits of the authors' practice together, from any state to any mode."""
+    problem = random_problem(0, timing="paper")
+    least = []
+    for some in (shares, tuple(abs(share - 1e-6) for share in shares)):
+        timing = transition_model(at_its_melting_point(problem, some))
+        times = timing.network((mode,), mode, [0.0]).earliest
+        assert times is not None
+        least.append(max(times))
+    assert abs(least[1] - least[0]) <= 1e-6 * 2000.0
+
+
+@pytest.mark.parametrize("shares", [(1.0, 0.5), (0.5, 1.0), (1.0, 0.0)])
+def test_of_two_segments_that_freeze_at_first_the_slower_one_counts(
+    shares: tuple[float, float],
+) -> None:
+    def frozen_s(*molten: float) -> float:
+        problem = at_its_melting_point(thermal_problem(V2), molten)
+        times = transition_model(problem).network((RIGID,), RIGID, [0.0]).earliest
+        assert times is not None
+        return max(times)
+
+    assert frozen_s(*shares) == max(frozen_s(shares[0], 0.0), frozen_s(0.0, shares[1])) > 60.0
 
 
 def test_what_a_start_keeps_grows_steadily_with_what_it_has() -> None:

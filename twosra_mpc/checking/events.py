@@ -158,18 +158,22 @@ class Events:
         """Wait from what is molten to a mode, and what its melts and freezes cost besides."""
         times, heater = self.problem.transition_times, self.problem.robot.heater
         assert isinstance(times, SequentialTiming)
+        cool_s = arb(times.reconfigure_cool_s)
         if mode == after:
             return arb(0), arb(0)
-        cooled, most = arb(times.reconfigure_cool_s), arb(max(mode))
-        heated, frozen = arb(times.reconfigure_s) - cooled, sum(share > 0 for share in mode)
+        frozen = sum(share > 0 for share in mode)
         if is_rigid(after):
-            cooled, heated = arb(times.freeze_s), arb(0)
-        elif not frozen or (max(mode) < 1 and [share > 0 for share in mode] == list(after)):
-            least = min(share for share, soft in zip(mode, after, strict=True) if soft)
-            cooled, heated, frozen = arb(0), times.heat_s * (1 - arb(least)), 0
+            return times.freeze_s * arb(max(mode)), self.weights.transition_s * arb(frozen)
+        kept = [arb(share) for share, soft in zip(mode, after, strict=True) if soft]
+        most = max(share for share, soft in zip((*mode, 0.0), (*after, 0), strict=True) if not soft)
+        least = min(kept)
+        cooled = (max(kept) - least).max(arb(most))
+        heat_s = times.heat_s + cooled * (times.reconfigure_s - cool_s - times.heat_s)
+        heated = heat_s * (1 - least + cooled).min(arb(1))
         energy_J = heated * sum(after) * arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
         price = self.weights.energy_s_per_J * energy_J
-        return cooled * most + heated, price + self.weights.transition_s * (frozen + sum(after))
+        turns = frozen * bool(cooled > 0) + sum(after)
+        return cool_s * cooled + heated, price + self.weights.transition_s * turns
 
     def _cheapest_way(self, mode: tuple[float, ...], missing: frozenset[int]) -> arb:
         """Least wait and price from a mode to the end, through modes that melt what is missing."""

@@ -94,7 +94,7 @@ def _constant(
 
     return Heat(
         first=first,
-        again=melt_lead,
+        again=melt_lead * (molten if 0 < molten < 1 else 1),
         melt=melt,
         coast=lambda _: arb(0),
         freeze=lambda _made, _held: freeze,

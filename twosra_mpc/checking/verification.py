@@ -50,6 +50,8 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
             name = f"segment {j + 1} to {item.to} at {item.heater_s:z.3f} s"
             if int(item.to == "soft") == stiffness:
                 yield f"{name}: it is {item.to} already"
+            if before is None and stiffness is None and item.heater_s > TIME_TOLERANCE_S:
+                yield f"{name}: it changes at t = 0, and goes on or turns back from then on"
             if item.heater_s < (before.done_s if before else 0.0) - TIME_TOLERANCE_S:
                 yield f"{name}: before the transition before it is done"
             if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:

@@ -1,11 +1,11 @@
 """Least times of a segment's first melt and the freeze after it, by when it is heated.
 
 Until its heater first goes on, h after t = 0, a segment that is not liquid follows a known course:
-it cools or warms to the air, or is kept warm from some temperature on; metal that is half molten
-freezes meanwhile. All that matters then is h: metal heated
-at once is molten first, but the rest of the segment stays warm, and it freezes slowly. The proofs
-rest on comparison, as those of ``least_times``: of two histories the one that is heated later is
-nowhere warmer at any time.
+it cools or warms to the air, or is kept warm from some temperature on. Metal that is half molten
+melts on from t = 0, so that h is 0. All that matters then is h: metal heated at once is molten
+first, but the rest of the segment stays warm, and it freezes slowly. The proofs rest on comparison,
+as those of ``least_times``: of two histories the one that is heated later is nowhere warmer at any
+time.
 
 * It is molten no earlier than h + M(h), which grows with h. M, the time from heater on, is monotone
   as a segment is that has one temperature at t = 0; of any other it grows by no less than -1 a
@@ -36,6 +36,7 @@ from twosra_mpc.thermal.model import State
 from twosra_mpc.thermal.uncertainty import EXACT
 
 _LATEST_S, _FINEST_S = 1024.0, 1 / 16  # of h: one bound for all that is later; shortest interval
+_AT_ANY_TIME = ((0.0, _LATEST_S), (_LATEST_S, math.inf))
 _MOST_SPLITS = 1000  # of the intervals of one bound; nearly all take fewer than 500
 _FOR_EVER_S = 1e9  # 30 years
 _ROUNDED = 128.0  # states are rounded down to such a share of their unit
@@ -94,7 +95,7 @@ class FirstCycle:
             span = self._span(course, low, high)
             return span.molten_s + late * span.heating_s if span.onset_s >= onset_s else math.inf
 
-        return self._least(bound)
+        return self._least(bound, self._first_heated)
 
     def frozen_s(self, onset_s: float, held_s: float, share: float = 0.0) -> float:
         """Least end of a freeze that begins at this time at the earliest, its window included.
@@ -108,13 +109,14 @@ class FirstCycle:
 
         def bound(course: int, low: float, high: float) -> float:
             span = self._span(course, low, high)
-            if span.done_s + held_s < onset_s:
+            held = max(held_s, onset_s - span.done_s)
+            if held > held_s and high > low:  # heated later, it is colder
                 return math.inf
-            held = held_s + (windows.melt_late - 1) * span.heating_s
-            onset = held_s + (span.done_s if high < math.inf else span.molten_s)
+            onset = held + (span.done_s if high < math.inf else span.molten_s)
+            held += (windows.melt_late - 1) * span.heating_s
             return span.molten_s + self._solid_after_s(span.molten, held) - share * onset
 
-        return self._least(bound)
+        return self._least(bound, self._first_heated)
 
     def frozen_again_s(self, onset_s: float, melting_s: float, held_s: float) -> float:
         """The same of a later freeze: at no time is the segment colder than had it not been heated.
@@ -136,7 +138,7 @@ class FirstCycle:
             molten = model.at_level(model.hold(solid, melting_s), model.liquid_level)
             return low + melting_s + self._solid_after_s(molten, held_s)
 
-        return self._least(bound)
+        return self._least(bound, _AT_ANY_TIME)
 
     def _solid_after_s(self, molten: State | None, held_s: float) -> float:
         """From the end of a melt to that of the freeze after it, liquid for so long in between."""
@@ -149,11 +151,22 @@ class FirstCycle:
             slow = self._freezing_s(tuple(map(min, onset, model.hold(onset, _FOR_EVER_S))))
         return held_s + fast + (windows.freeze_late - 1) * (self.coasting_s + slow)
 
-    def _least(self, bound: Callable[[int, float, float], float]) -> float:
-        """Least bound of all courses and intervals of times on them; inf: it is not possible."""
+    @property
+    def _first_heated(self) -> tuple[tuple[float, float], ...]:
+        """Intervals of h: metal that is changing at t = 0 melts on from then on, or not at all."""
+        model = self.heating.model
+        changing = model.solid_level < model.level(self.start) < model.liquid_level
+        return ((0.0, 0.0),) if changing else _AT_ANY_TIME
+
+    def _least(
+        self,
+        bound: Callable[[int, float, float], float],
+        heated: tuple[tuple[float, float], ...],
+    ) -> float:
+        """Least bound of all courses and times on them in intervals; inf: it is not possible."""
         queue = list[tuple[float, int, float, float]]()
         for course in range(len(self._courses)):
-            for low, high in ((0.0, _LATEST_S), (_LATEST_S, math.inf)):
+            for low, high in heated:
                 queue.append((bound(course, low, high), course, low, high))
         heapq.heapify(queue)
         for _ in range(_MOST_SPLITS):

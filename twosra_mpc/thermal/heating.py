@@ -171,10 +171,11 @@ class HeatingPlan:
             self.model, self._from("soft" if soft else "rigid", 0.0, start)
         )
         done, made = 0.0, list[SegmentTransition]()
+        changing = self.model.solid_level < self.model.level(start) < self.model.liquid_level
         for to, onset in onsets:
             changed = self._melted if to == "soft" else self._switched
-            freezes = to == "rigid" and not (soft or made)  # as it has been since t = 0
-            trajectory, item = changed(trajectory, to, done, 0.0 if freezes else onset)
+            goes_on = changing and not made  # or turns back: at t = 0
+            trajectory, item = changed(trajectory, to, done, 0.0 if goes_on else onset)
             made.append(item)
             done = item.done_s
         return trajectory, made

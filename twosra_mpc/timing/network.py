@@ -9,15 +9,16 @@ earliest finish of a sequence is a longest path, and any relaxation of the motio
 lower bound.
 
 A segment that is changing at t = 0 is neither soft nor rigid until its change is over: it melts or
-freezes, as the first phase asks, in the first gap.
+freezes, as the first phase asks, in the first gap, and from t = 0 on.
 
 A *dwell* is the time from heater on to heater off around one soft period. With at most one heater
 at a time, the dwells of different segments must follow each other, those whose soft phases do not
-overlap in the order of the phases. A segment that is liquid at t = 0 may have its heater on then,
-so its first dwell comes first; of several such, all but one are heated no more. Two melted segments
-that are soft in the same phase need the first one's metal to stay liquid without heat for as long
-as the second one's takes to melt; where that is not so they are refused. All this is said of two
-segments at a time, whatever their number: no two heaters are on at once.
+overlap in the order of the phases. A segment that is liquid or melting at t = 0 may have its heater
+on then, so its first dwell comes first; of several such, all but one are heated no more, and are
+liquid for as long as their heat lasts. Two melted segments that are soft in the same phase need the
+metal of the one that melts first to stay liquid without heat for as long as the other's takes to
+melt; where that is not so they are refused. All this is said of two segments at a time, whatever
+their number: no two heaters are on at once.
 """
 
 from __future__ import annotations
@@ -237,11 +238,19 @@ def events_of(sequence: ModeSequence, first: StartingStiffness, last: Mode) -> I
 
 
 class Dwell(NamedTuple):
-    """A soft period of a segment: its melt (None: liquid at t = 0) and freeze (None: never)."""
+    """A soft period of a segment: its melt (None: liquid at t = 0) and freeze (None: never).
+
+    ``turn`` orders melts: -2 liquid at t = 0, -1 melting then, from 0 on the gap.
+    """
 
     segment: int
     melt: Event | None
     freeze: Event | None
+    turn: int
+
+    def melts_before(self, other: Dwell) -> bool:
+        """True if its heater may be off again before the other one goes on."""
+        return self.turn < other.turn or self.turn == other.turn >= 0
 
 
 def handovers(
@@ -268,6 +277,17 @@ def overlaps(
             yield one, two, next(m for m in modes if m[one.segment] and m[two.segment])
 
 
+def unheated(
+    sequence: ModeSequence, first: StartingStiffness, last: Mode
+) -> Iterator[tuple[Event, tuple[int, ...]]]:
+    """Yield the first freeze of any two liquid segments, and which of them one heater may leave."""
+    for pair in _pairs(sequence, first, last):
+        freezes = [dwell.freeze for dwell in pair if dwell.melt is None and dwell.freeze]
+        if freezes and all(dwell.melt is None for dwell in pair):
+            earliest = min(freezes, key=lambda event: event.gap)
+            yield earliest, tuple(event.segment for event in freezes)
+
+
 def refused(mode: Mode) -> str:
     """Say that a mode needs more heaters than one."""
     count = "both" if sum(mode) == 2 else str(sum(mode))
@@ -277,11 +297,12 @@ def refused(mode: Mode) -> str:
 def _pairs(
     sequence: ModeSequence, first: StartingStiffness, last: Mode
 ) -> Iterator[tuple[Dwell, Dwell]]:
-    dwells = [[Dwell(j, None, None)] * (soft == 1) for j, soft in enumerate(first)]
+    dwells = [[Dwell(j, None, None, -2)] * (soft == 1) for j, soft in enumerate(first)]
     for event in events_of(sequence, first, last):
         mine = dwells[event.segment]
         if event.to == "soft":
-            mine.append(Dwell(event.segment, event, None))
+            begun = first[event.segment] is None and event.number == 0
+            mine.append(Dwell(event.segment, event, None, -1 if begun else event.gap))
         elif mine:
             mine[-1] = mine[-1]._replace(freeze=event)
     for ones, twos in itertools.combinations(dwells, 2):
@@ -291,4 +312,4 @@ def _pairs(
 def _before(earlier: Dwell, later: Dwell) -> bool:
     if later.melt is None or earlier.freeze is None:
         return False
-    return earlier.melt is None or earlier.freeze.gap <= later.melt.gap
+    return earlier.turn < min(later.turn, 0) or earlier.freeze.gap <= later.melt.gap

@@ -18,6 +18,7 @@ from twosra_mpc.timing.network import (
     events_of,
     handovers,
     overlaps,
+    unheated,
 )
 from twosra_mpc.timing.transitions import Transition, TransitionModel, model_of
 
@@ -62,7 +63,11 @@ class Overlapped(TransitionModel):
         return -self.times.superheat_s * min(1.0, (now - heater.melting_point_C) / span)
 
     def _lead(self, melt: Event) -> float:
-        return self._melt_lead if melt.number else self._first_lead(melt.segment)
+        """Heater on to onset: from where the segment is at t = 0, or as far as it has frozen."""
+        if melt.number == 0:
+            return self._first_lead(melt.segment)
+        begun = melt.number == 1 and self.first[melt.segment] is None
+        return self._melt_lead * (self.left(melt.segment, "rigid") if begun else 1.0)
 
     def _is_under_way(self, event: Event) -> bool:
         """Whether a change of metal that is changing at t = 0 goes on, or back, from then on."""
@@ -77,8 +82,8 @@ class Overlapped(TransitionModel):
         """Whether a segment may stay liquid without heat while the other one melts."""
         if liquid.freeze is None or other.melt is None:
             return False
-        in_turn = liquid.melt is None or liquid.melt.gap <= other.melt.gap
-        return in_turn and self._freeze_lead >= self._lead(other.melt) + self.times.melt_changing_s
+        needed_s = self._lead(other.melt) + self.times.melt_changing_s
+        return liquid.melts_before(other) and self._freeze_lead >= needed_s
 
     def _sharing(
         self, network: TemporalNetwork
@@ -113,7 +118,8 @@ class Overlapped(TransitionModel):
             if event.number == 0:
                 least[layout.origin, onset] = self._first_lead(event.segment)
             else:
-                least[previous, onset] = changing_s + self._melt_lead * (event.to == "soft")
+                lead_s = self._lead(event) if event.to == "soft" else 0.0
+                least[previous, onset] = changing_s + lead_s
             if event.to == "soft":
                 heated += self._lead(event) + self._plateau(event)
             elif event.number:
@@ -124,6 +130,8 @@ class Overlapped(TransitionModel):
         energy_J = heated * melt_W
         made = TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
+            for freeze, left in unheated(sequence, self.first, last):
+                least[layout.end(freeze.gap - 1), layout.origin] = -max(map(self._first_lead, left))
             for _, off, on in handovers(sequence, self.first, last):
                 least[layout.onset_of(off), layout.onset_of(on)] = (
                     self._lead(on) - self._freeze_lead
@@ -208,6 +216,8 @@ class Overlapped(TransitionModel):
             least = self.times.melt_s - (plateau := self.times.melt_changing_s)
             if before is None:
                 least *= (melting_C - now) / (melting_C - self.problem.ambient)
+            elif before.heater_s <= TIME_TOLERANCE_S and self.first[item.segment - 1] is None:
+                least *= self.left(item.segment - 1, "rigid")
             if abs(lag - least) > TIME_TOLERANCE_S:
                 yield f"heated for {lag:z.3f} s before melting instead of {least:z.3f} s"
         else:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
@@ -23,8 +23,8 @@ Molten = tuple[float, ...]  # how much of each segment is molten; a mode is one
 class Sequential(TransitionModel):
     """Fixed waits: to soft, to rigid, and from one soft mode to another, cooled in between.
 
-    Of a change that is under way at t = 0, what is left takes its share of a wait: what is partly
-    molten freezes, or melts on if nothing else is to be soft, or cools before all else is heated.
+    Of a change that is under way at t = 0, what is left takes its share of a wait. Before anything
+    is heated, all cools by as much as freezes what is to be rigid, and makes alike what is not.
     """
 
     times: SequentialTiming
@@ -36,16 +36,16 @@ class Sequential(TransitionModel):
 
     def _waits(self, before: Molten, after: Mode) -> tuple[float, float]:
         """How long what is molten cools, and what becomes soft is heated then [s]."""
-        times, most = self.times, max(before)
-        if before == after:
-            return 0.0, 0.0
+        times = self.times
         if is_rigid(after):
-            return times.freeze_s * most, 0.0
-        begun = tuple(math.ceil(share) for share in before)
-        if most < 1 and begun in (rigid_mode(len(before)), after):
-            left = max(1 - share for share, soft in zip(before, after, strict=True) if soft)
-            return 0.0, times.heat_s * left
-        return times.reconfigure_cool_s * most, times.reconfigure_s - times.reconfigure_cool_s
+            return times.freeze_s * max(before), 0.0
+        kept = [share for share, soft in zip(before, after, strict=True) if soft]
+        frozen = [share for share, soft in zip(before, after, strict=True) if not soft]
+        cooled = max(max(kept) - min(kept), *frozen, 0.0)
+        heated = min(1.0, 1.0 - min(kept) + cooled)
+        anew_s = times.reconfigure_s - times.reconfigure_cool_s
+        heat_s = (1.0 - cooled) * times.heat_s + cooled * anew_s
+        return times.reconfigure_cool_s * cooled, heat_s * heated
 
     def _gaps(self, sequence: ModeSequence, last: Mode) -> list[tuple[Molten, Mode]]:
         first: Molten = tuple(self.problem.melt_fractions)
@@ -146,19 +146,26 @@ class Sequential(TransitionModel):
         if before is None:
             least *= self.left(item.segment - 1, item.to)
         halves = [(other, item) if melts else (item, other) for other in others]
-        reconfigures = any(self._reconfigures(*pair) for pair in halves)
+        reconfigures = any(self._reconfigures(*pair, others) for pair in halves)
         if lasted < least - TIME_TOLERANCE_S and not reconfigures:
             yield f"changes in {lasted:z.3f} s instead of {least:zg} s"
 
-    def _reconfigures(self, freeze: Transition, melt: Transition) -> bool:
+    def _reconfigures(
+        self, freeze: Transition, melt: Transition, others: Sequence[Transition]
+    ) -> bool:
         """Whether a freeze and a melt are the halves of a long enough reconfiguration."""
-        cooled, whole = freeze.done_s - freeze.heater_s, melt.done_s - freeze.heater_s
-        saved_s = 0.0  # of a freeze that is under way at t = 0
-        if freeze.heater_s <= TIME_TOLERANCE_S:
-            saved_s = self.times.reconfigure_cool_s * (1 - max(self.problem.melt_fractions))
+        cool_s, whole_s = self.times.reconfigure_cool_s, self.times.reconfigure_s
+        joint = freeze.done_s
+        if (freeze.to, melt.to) != ("rigid", "soft"):
+            return False
+        if freeze.heater_s <= TIME_TOLERANCE_S:  # of what is molten at t = 0
+            together = [t for t in others if abs(t.heater_s - joint) <= TIME_TOLERANCE_S]
+            soft = {t.segment - 1 for t in together if t.to == "soft"}
+            after = tuple(int(j in soft) for j in range(len(self.first)))
+            cool_s, heat_s = self._waits(tuple(self.problem.melt_fractions), after)
+            whole_s = cool_s + heat_s
         return (
-            (freeze.to, melt.to) == ("rigid", "soft")
-            and abs(melt.heater_s - freeze.done_s) <= TIME_TOLERANCE_S
-            and cooled >= self.times.reconfigure_cool_s - saved_s - TIME_TOLERANCE_S
-            and whole >= self.times.reconfigure_s - saved_s - TIME_TOLERANCE_S
+            abs(melt.heater_s - joint) <= TIME_TOLERANCE_S
+            and joint - freeze.heater_s >= cool_s - TIME_TOLERANCE_S
+            and melt.done_s - freeze.heater_s >= whole_s - TIME_TOLERANCE_S
         )

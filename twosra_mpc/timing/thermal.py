@@ -39,6 +39,7 @@ from twosra_mpc.timing.network import (
     handovers,
     longest_paths,
     overlaps,
+    unheated,
 )
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
@@ -69,7 +70,7 @@ class ThermalStart:
 
     def coasts(self, liquid: Dwell, other: Dwell) -> bool:
         """Whether a segment might stay liquid without heat while the other one melts."""
-        if other.melt is None:
+        if other.melt is None or not liquid.melts_before(other):
             return False
         least, again = self.least[other.segment], other.melt.number > 0
         needed = least.melting_s if again else least.warmest_lead_s + least.first_melting_s
@@ -100,7 +101,8 @@ class ThermalStart:
                     holds.append(Hold(layout.start(molten), onset, history.liquid_power_W))
                 if before is None:
                     least[previous, onset] = history.first_coasting_s
-                    least[previous, begin] = history.first_freezing_s
+                    done_s = least.get((previous, begin), 0.0)  # of another segment
+                    least[previous, begin] = max(done_s, history.first_freezing_s)
                 else:
                     least[previous, onset] = before + history.coasting_s(event.number)
                 held = sum(least_durations[molten : event.gap]) if event.number else 0.0
@@ -165,7 +167,10 @@ class ThermalStart:
 
     def _least_handovers(self, network: TemporalNetwork) -> dict[tuple[int, int], float]:
         """The earlier heater goes off when its segment is molten, and can coast only so long."""
-        layout, added = network.layout, {}
+        layout, added = network.layout, dict[tuple[int, int], float]()
+        for freeze, left in unheated(network.sequence, self.first, network.last):
+            longest = max(self.least[segment].first_coasting_s for segment in left)
+            added[layout.end(freeze.gap - 1), layout.origin] = -longest
         for melt, off, on in handovers(network.sequence, self.first, network.last):
             lead = self.least[on.segment].warmest_lead_s if on.number == 0 else 0.0
             coasting = self.least[off.segment].longest_coasting_s
