@@ -35,7 +35,7 @@ class Sequential(TransitionModel):
         return f"the fixed waits of {named}, through which the robot stands still"
 
     def _waits(self, before: Molten, after: Mode) -> tuple[float, float]:
-        """How long what is molten cools, and what becomes soft is heated then [s]."""
+        """Times for which what is molten cools, and what becomes soft is heated then [s]."""
         times, most = self.times, max(before)
         if before == after:
             return 0.0, 0.0
@@ -128,7 +128,7 @@ class Sequential(TransitionModel):
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
     ) -> Iterator[str]:
-        """Where a freeze ends as melts begin, they may be the halves of a reconfiguration.
+        """A freeze that ends as melts begin may be the first half of a reconfiguration.
 
         Nothing moves through either, and between them everything is rigid.
         """
@@ -151,7 +151,7 @@ class Sequential(TransitionModel):
             yield f"changes in {lasted:z.3f} s instead of {least:zg} s"
 
     def _reconfigures(self, freeze: Transition, melt: Transition) -> bool:
-        """Whether a freeze and a melt are the halves of a long enough reconfiguration."""
+        """True if a freeze and a melt are the halves of a long enough reconfiguration."""
         cooled, whole = freeze.done_s - freeze.heater_s, melt.done_s - freeze.heater_s
         saved_s = 0.0  # of a freeze that is under way at t = 0
         if freeze.heater_s <= TIME_TOLERANCE_S:
