@@ -14,7 +14,7 @@ from typing import Any
 
 @functools.cache
 def _tables() -> dict[str, Any]:
-    """What ``keys.toml`` says of keys, units and likely mistakes."""
+    """Tables of ``keys.toml``: keys, units and likely mistakes."""
     return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 

@@ -187,7 +187,7 @@ def _policy(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -
 
 
 def _missed(model: SegmentModel) -> float:
-    """By how much replayed currents may miss a level."""
+    """Tolerance of a level that replayed currents reach."""
     share = LEVEL_TOLERANCE + model.replay_tolerance
     return share * (model.liquid_level - model.solid_level)
 

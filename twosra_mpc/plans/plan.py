@@ -350,7 +350,7 @@ def rest_at(trajectory: Trajectory, time_s: float) -> Problem:
 
 
 def start_at(trajectory: Trajectory, time_s: float) -> Start:
-    """Where the robot is in a plan, the state of its metal, and what it holds."""
+    """State of the robot in a plan: place, metal, and what it holds."""
     problem, now = trajectory.problem, trajectory.at([time_s])
     x_m, y_m, phi_rad, *kappa_per_m = now.q[0].tolist()
     heating = transition_model(problem).heating(trajectory.transitions)

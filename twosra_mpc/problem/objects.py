@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import field_validator, model_validator
 
 from twosra_mpc.arguments import check_size, public
-from twosra_mpc.errors import MISSING, InputError
+from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
-from twosra_mpc.problem.world import Box, Disc, Obstacle, check_polygon
+from twosra_mpc.problem.world import Box, Disc, Obstacle, check_shape
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Radians, Several, Value
 
@@ -76,12 +76,8 @@ class Object(Value):
 
     @model_validator(mode="after")
     def _one_shape(self) -> Object:
-        shapes = ("disc", "box", "polygon_m")
-        given = [name for name in shapes if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise InputError("", given or MISSING, "one of disc, box, polygon_m, outline")
-        if self.polygon_m is not None:
-            check_polygon(np.array(self.polygon_m).reshape(-1, 2))
+        shapes = {"disc": self.disc, "box": self.box, "polygon_m": self.polygon_m}
+        check_shape(shapes, "one of disc, box, polygon_m, outline")
         return self
 
     def at(self, pose: Array) -> Obstacle:

@@ -386,7 +386,7 @@ class Problem(Value):
 
     @cached_property
     def melt_fractions(self) -> Sequence[float]:
-        """How much of each segment is molten at t = 0, from 0 (solid) to 1 (liquid)."""
+        """Melt fraction of each segment at t = 0, from 0 (solid) to 1 (liquid)."""
         if self.start.melt_fraction is not None:
             return self.start.melt_fraction
         each = zip(self.temperatures, self.segment_thresholds_C, strict=True)

@@ -1,4 +1,4 @@
-"""By how much a plan may miss what it must keep, and still be verified: all in one place.
+"""Tolerances of plans: how much of what they must keep they may miss, all in one place.
 
 Whatever verification forgives, plans, lower bounds and certificates forgive as well: a lower bound
 holds for every plan that is verified. So none of them writes a tolerance of its own.

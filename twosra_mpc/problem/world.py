@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Self
 
 import numpy as np
@@ -114,11 +114,8 @@ class Obstacle(Value):
 
     @model_validator(mode="after")
     def _one_shape(self) -> Obstacle:
-        given = [name for name in ("polygon_m", "box", "disc") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise InputError("", given or MISSING, "one of polygon_m, box, disc")
-        if self.polygon_m is not None:
-            check_polygon(np.array(self.polygon_m).reshape(-1, 2))
+        shapes = {"polygon_m": self.polygon_m, "box": self.box, "disc": self.disc}
+        check_shape(shapes, "one of polygon_m, box, disc")
         return self
 
     @property
@@ -190,6 +187,19 @@ def names_twice(obstacles: Sequence[str], objects: Sequence[str] = ()) -> Iterat
         if name and name in names[:i]:
             field = f"obstacles.{i}.name" if i < split else f"objects.{i - split}.name"
             yield InputError(field, name, "a name that nothing else has")
+
+
+def check_shape(shapes: Mapping[str, object], allowed: str) -> None:
+    """Check that one of several shapes is given; corners of a polygon, too.
+
+    Raises:
+        InputError: If none is, or several are, or the polygon is not proper.
+    """
+    given = [name for name, shape in shapes.items() if shape is not None]
+    if len(given) != 1:
+        raise InputError("", given or MISSING, allowed)
+    if (corners := shapes["polygon_m"]) is not None:
+        check_polygon(np.array(corners).reshape(-1, 2))
 
 
 def check_polygon(corners: Array) -> None:

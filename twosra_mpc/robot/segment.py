@@ -1,4 +1,4 @@
-"""Segments as data: what one is made of, or what was identified from its heating log; its heater.
+"""Segments as data: materials, or what was identified from melts and freezes; the heater.
 
 Every kind builds the thermal model of such a segment, and says how its sensor and heater work.
 """

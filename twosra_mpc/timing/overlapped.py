@@ -70,7 +70,7 @@ class Overlapped(TransitionModel):
         return self._melt_lead * (self.left(melt.segment, "rigid") if begun else 1.0)
 
     def _is_under_way(self, event: Event) -> bool:
-        """Whether a change of metal that is changing at t = 0 goes on, or back, from then on."""
+        """True if a change of metal that is changing at t = 0 goes on, or back, from then on."""
         return event.number == 0 and self.first[event.segment] is None
 
     def _plateau(self, event: Event) -> float:
@@ -79,7 +79,7 @@ class Overlapped(TransitionModel):
         return whole if event.number else whole * self.left(event.segment, event.to)
 
     def coasts(self, liquid: Dwell, other: Dwell) -> bool:
-        """Whether a segment may stay liquid without heat while the other one melts."""
+        """True if a segment may stay liquid without heat while the other one melts."""
         if liquid.freeze is None or other.melt is None:
             return False
         needed_s = self._lead(other.melt) + self.times.melt_changing_s
@@ -149,7 +149,7 @@ class Overlapped(TransitionModel):
     def _shared(
         self, network: TemporalNetwork, melt: Event | None, off: Event, on: Event, coasting_s: float
     ) -> dict[tuple[int, int], float]:
-        """What it takes to coast while another melts and for so long after that began to melt."""
+        """Constraints to coast while another melts, and for so long after that began to melt."""
         onset_of = network.layout.onset_of
         least = {(onset_of(off), onset_of(on)): self._lead(on) - self._freeze_lead}
         if melt is not None:

@@ -35,7 +35,7 @@ class Sequential(TransitionModel):
         return f"the fixed waits of {named}, through which the robot stands still"
 
     def _waits(self, before: Molten, after: Mode) -> tuple[float, float]:
-        """How long what is molten cools, and what becomes soft is heated then [s]."""
+        """Times for which what is molten cools, and what becomes soft is heated then [s]."""
         times = self.times
         if is_rigid(after):
             return times.freeze_s * max(before), 0.0
@@ -128,7 +128,7 @@ class Sequential(TransitionModel):
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
     ) -> Iterator[str]:
-        """Where a freeze ends as melts begin, they may be the halves of a reconfiguration.
+        """A freeze that ends as melts begin may be the first half of a reconfiguration.
 
         Nothing moves through either, and between them everything is rigid.
         """
@@ -153,7 +153,7 @@ class Sequential(TransitionModel):
     def _reconfigures(
         self, freeze: Transition, melt: Transition, others: Sequence[Transition]
     ) -> bool:
-        """Whether a freeze and a melt are the halves of a long enough reconfiguration."""
+        """True if a freeze and a melt are the halves of a long enough reconfiguration."""
         cool_s, whole_s = self.times.reconfigure_cool_s, self.times.reconfigure_s
         joint = freeze.done_s
         if (freeze.to, melt.to) != ("rigid", "soft"):

@@ -65,11 +65,11 @@ class ThermalStart:
 
     @cached_property
     def least(self) -> tuple[LeastTimes, ...]:
-        """What no history of each segment can undercut; one for segments that are alike."""
+        """Least times of each segment, whatever its history; one for segments that are alike."""
         return tuple(map(cache(LeastTimes), self.plans, self.states))
 
     def coasts(self, liquid: Dwell, other: Dwell) -> bool:
-        """Whether a segment might stay liquid without heat while the other one melts."""
+        """True if a segment might stay liquid without heat while the other one melts."""
         if other.melt is None or not liquid.melts_before(other):
             return False
         least, again = self.least[other.segment], other.melt.number > 0
@@ -117,7 +117,7 @@ class ThermalStart:
     def _tightened(
         self, network: TemporalNetwork, least_durations: Sequence[float]
     ) -> TemporalNetwork:
-        """What the network says of when transitions begin, used for how long they take.
+        """Network in which the times at which transitions begin tell how long they take.
 
         The metal of a melt waits liquid for its freeze as long as all that is in between takes, and
         the first melt and freeze of a segment end as late as its first heating says.
@@ -222,11 +222,11 @@ class Thermal(TransitionModel):
 
     @cached_property
     def plans(self) -> tuple[HeatingPlan, ...]:
-        """How each segment is heated."""
+        """Heating plan of each segment."""
         return tuple(self._plan(j) for j in range(len(self.first)))
 
     def windows(self, segment: int) -> Windows:
-        """How far real transitions of a segment (from 0) may differ from the model's."""
+        """Bounds of real transitions of a segment (from 0), as shares of the model's."""
         return self.problem.windows(segment)
 
     def _plan(self, segment: int) -> HeatingPlan:
@@ -246,13 +246,13 @@ class Thermal(TransitionModel):
 
     @cached_property
     def start(self) -> ThermalStart:
-        """What problems that begin alike share."""
+        """Bounds that problems that begin alike share."""
         problem = self.problem
         return thermal_start(self.plans, problem.start_states, self.first, problem.heaters_at_once)
 
     @property
     def least(self) -> tuple[LeastTimes, ...]:
-        """What no history of each segment can undercut."""
+        """Least times of each segment, whatever its history."""
         return self.start.least
 
     def coasts(self, liquid: Dwell, other: Dwell) -> bool:
@@ -291,7 +291,7 @@ class Thermal(TransitionModel):
         return None if raised == network.least else replace(network, least=raised)
 
     def _many_heated(self, made: Mapping[Event, SegmentTransition]) -> bool:
-        """Whether several segments that are liquid at t = 0 are held so."""
+        """True if several segments that are liquid at t = 0 are held so."""
         held = {j for j, soft in enumerate(self.first) if soft == 1}
         held -= {event.segment for event, item in made.items() if item.heater_s <= _SETTLED_S}
         return len(held) > 1
@@ -318,7 +318,7 @@ class Thermal(TransitionModel):
 
     @cached_property
     def _heated(self) -> Callable[[int, Onsets], Heated]:
-        """How a segment is heated to melt and freeze at some onsets; asked over and over.
+        """Heating of a segment that melts and freezes at some onsets; asked over and over.
 
         Also asked for the onsets as they are made, which differ by rounding.
         """

@@ -1,4 +1,4 @@
-"""What a transition is, and what every model of transition times offers."""
+"""Transitions, and the interface of every model of transition times."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class SegmentHeating(ABC):
         """Heater energy from t = 0."""
 
     def soft(self, t: Array) -> NDArray[np.bool_]:
-        """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
+        """True where the segment is liquid: after a melt is done, before the next freeze begins."""
         value = np.full(t.shape, self.molten_at_start == 1)
         for item in self.transitions:
             value[t >= (item.done_s if item.to == "soft" else item.onset_s)] = item.to == "soft"
@@ -79,7 +79,7 @@ class SegmentHeating(ABC):
 
 @dataclass(frozen=True)
 class TransitionModel(ABC):
-    """How long melting and freezing take in a problem, and what may happen meanwhile.
+    """Model of the times of melts and freezes in a problem, and of what may happen meanwhile.
 
     Attributes:
         times: The timing that the problem names.
@@ -97,11 +97,11 @@ class TransitionModel(ABC):
     @property
     @abstractmethod
     def words(self) -> str:
-        """What the times are, to complete "it holds for"."""
+        """The times in words, to complete "it holds for"."""
 
     @property
     def policy(self) -> str:
-        """How segments are heated, in every plan that bounds are about."""
+        """Heating policy in words: that of every plan that bounds are about."""
         heater = self.problem.robot.heater
         warm = ", solid segments kept warm where that costs less"
         return (
@@ -111,7 +111,7 @@ class TransitionModel(ABC):
         )
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        """Why no heating with each heater on once around a soft phase gives it, or None."""
+        """Reason why no heating with each heater on once around a soft phase gives it, or None."""
         if self.problem.heaters_at_once == 1:
             for one, two, mode in overlaps(sequence, self.first, last):
                 if not self.coasts(one, two) and not self.coasts(two, one):
@@ -161,7 +161,7 @@ class TransitionModel(ABC):
 
     @abstractmethod
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
-        """What a schedule really needs: constraints that ``times`` violate, raised; else None."""
+        """Network with the constraints that ``times`` violate raised; None if there is none."""
 
     def left(self, segment: int, to: Stiffness) -> float:
         """Share of the first change of a segment (from 0) that is still to come at t = 0."""
@@ -178,18 +178,18 @@ class TransitionModel(ABC):
         """Yield them in any order."""
 
     def heating(self, transitions: Sequence[Transition]) -> tuple[SegmentHeating, ...]:
-        """How each segment is heated, given all melts and freezes of a plan."""
+        """Heating of each segment, given all melts and freezes of a plan."""
         segments = range(len(self.first))
         return tuple(self.segment_heating(j, own_transitions(transitions, j)) for j in segments)
 
     @abstractmethod
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SegmentHeating:
-        """How a segment (from 0) is heated that makes these transitions."""
+        """Heating of a segment (from 0) that makes these transitions."""
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
     ) -> Iterator[str]:
-        """What the constants say against a transition: an independent check, not of the network.
+        """Violations of the constants by a transition: an independent check, not of the network.
 
         Nothing, if the times come from the segments: replaying the heater currents tells.
 

@@ -20,7 +20,7 @@ _MOST_BLOCKS = 40  # in a row without any that is possible
 
 
 class RandomSet(Value):
-    """So many problems of a robot, start and goal uniform in ranges symmetric about zero.
+    """Random problems of a robot, start and goal uniform in ranges symmetric about zero.
 
     Drawn again are those whose start or goal has a shape that a limit forbids, e.g. units that
     overlap. The first so many of a longer set are those of a shorter one.

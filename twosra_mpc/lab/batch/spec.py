@@ -25,7 +25,7 @@ _KINDS: dict[type, str] = {bool: "bool", int: "int64", float: "float64", str: "s
 
 
 class Range(Value):
-    """So many numbers at equal distances, both ends included; a file calls the first ``from``."""
+    """Numbers at equal distances, both ends included; a file calls the first ``from``."""
 
     first: Number = Field(alias="from")
     to: Number

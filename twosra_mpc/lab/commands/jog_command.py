@@ -82,8 +82,8 @@ def jog_command(
         output.record(("jogged", robot.name), {"known at the end": known.words})
         return EXIT_PLANNED
 
-    with robot_line.opened_line(port) as opened:
-        return robot_line.told_ending(drive)
+    with robot_line.line_to(port) as opened:
+        return robot_line.exit_code_of(drive)
 
 
 class _Known:

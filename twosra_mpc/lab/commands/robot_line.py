@@ -44,12 +44,12 @@ def show_lines(sent: list[SentLine]) -> None:
     click.echo("\n".join(shown))
 
 
-def opened_line(name: str) -> closing[SerialPort]:
+def line_to(name: str) -> closing[SerialPort]:
     """Open the line to a robot; it is closed at the end of the block."""
     return closing(open_serial_port(name))
 
 
-def told_ending(drive: Callable[[], int]) -> int:
+def exit_code_of(drive: Callable[[], int]) -> int:
     """Drive, and say in words what ended that early; returns the exit code."""
     try:
         return drive()

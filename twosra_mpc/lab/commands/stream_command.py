@@ -117,7 +117,7 @@ def stream_command(
         output.report(lambda: sent, lambda: robot_line.show_lines(sent))
         return EXIT_PLANNED
     with ExitStack() as open_until_the_end:
-        opened = open_until_the_end.enter_context(robot_line.opened_line(port))
+        opened = open_until_the_end.enter_context(robot_line.line_to(port))
         poses = None
         if camera is not None:
             placed = None if markers is None else load_markers(markers)
@@ -136,12 +136,12 @@ def stream_command(
                     log=log,
                     on_state=lambda state: tell(_where(state)),
                 )
-            return _told(plan, run, output)
+            return _ending_code(plan, run, output)
 
-        return robot_line.told_ending(drive)
+        return robot_line.exit_code_of(drive)
 
 
-def _told(plan: Plan, run: Run, output: Output) -> int:
+def _ending_code(plan: Plan, run: Run, output: Output) -> int:
     """Say how a stream ended that came to its end."""
     document = {"ending": run.ending, "reason": run.reason, "drives": run.drives}
     output.report(lambda: document, lambda: _print_drives(plan, run))

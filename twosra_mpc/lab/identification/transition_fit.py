@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
@@ -37,6 +37,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import Heater, TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
+from twosra_mpc.validation import ArrayValue
 
 Kind = Literal["melt", "freeze"]
 Flags = NDArray[np.bool_]
@@ -60,8 +61,8 @@ _UNIT = (1.0, 1.0, 0.0, 1.0, 0.0)
 
 
 @public
-@dataclass(frozen=True)
-class LoggedTransition:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoggedTransition(ArrayValue):
     """A melt or freeze.
 
     Attributes:
@@ -81,7 +82,7 @@ class LoggedTransition:
     duration_s: float
     begin_C: tuple[float, ...]
     end_C: tuple[float, ...]
-    readings: Array = field(repr=False, compare=False)
+    readings: Array
     heated_s: float | None = None
 
     def crossed_s(self, segment: int, level_C: float) -> float | None:

@@ -57,7 +57,7 @@ class Reading:
 
     @property
     def verdict(self) -> Verdict:
-        """By the rule; a number that is none (NaN) does not hold."""
+        """Verdict by the rule; a number that is none (NaN) does not hold."""
         if self.difference is None:
             return Verdict.UNCHECKED
         above = {"equal": abs(self.difference), "at most": self.difference}

@@ -173,7 +173,7 @@ def pose_lines(
 
 
 def _standard_input() -> bytes:
-    """What has come in; on Windows, where a pipe cannot be asked, use a port."""
+    """Lines that have come in; on Windows, where a pipe cannot be asked, use a port."""
     source, found = sys.stdin.fileno(), b""
     while len(found) < _LONGEST and select.select([source], [], [], 0.0)[0]:
         if not (piece := os.read(source, _LONGEST)):
@@ -183,7 +183,7 @@ def _standard_input() -> bytes:
 
 
 def _datagrams(opened: socket.socket) -> bytes:
-    """What has come in, each datagram ended as a line."""
+    """Lines that have come in, each datagram ended as a line."""
     found = b""
     while len(found) < _LONGEST:
         try:

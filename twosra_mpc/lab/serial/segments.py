@@ -134,7 +134,7 @@ class ReportedSegment:
 
     @property
     def stiffness(self) -> KnownStiffness:
-        """What the controller knows, unless the reading says the opposite: it only ever lags."""
+        """Stiffness by the controller, which only lags, unless the reading says the opposite."""
         known, rule = self._state.stiffness, self._controller.rule
         frozen = known == "soft" and self.temperature_C < rule.solid_below_C
         molten = known == "rigid" and self.temperature_C > rule.liquid_above_C
