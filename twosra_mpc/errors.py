@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from reprlib import Repr
 from types import FrameType
 from typing import Any
@@ -46,14 +46,16 @@ def is_users(call: FrameType | None, *through: str) -> bool:
     return call is not None and _package(call) not in _OWN
 
 
-def doubt(words: str) -> None:
+def doubt(doubts: Iterable[str], source: str | None = None) -> None:
     """Warn of input (`InputWarning`) at the line of the user's program that it came from."""
     frame = sys._getframe()
     while frame.f_back and _package(frame) in _OWN:
         frame = frame.f_back
     seen = frame.f_globals.setdefault("__warningregistry__", {})
     place = frame.f_code.co_filename, frame.f_lineno
-    warnings.warn_explicit(words, InputWarning, *place, registry=seen)
+    for each in doubts:
+        words = f"{source}: {each}" if source else each
+        warnings.warn_explicit(words, InputWarning, *place, registry=seen)
 
 
 class Missing(str):

@@ -142,8 +142,7 @@ class Value(BaseModel):
                 problems = [named_problem(type(self), detail) for detail in details]
                 raise problems[0].among(problems[1:]) from None
             if is_users(sys._getframe(1), "twosra_mpc.arguments", __name__):
-                for each in self.unit_doubts:
-                    doubt(each)
+                doubt(self.unit_doubts)
 
         def __setattr__(self, name: str, value: Any) -> None:
             if not name.startswith("_"):
@@ -309,8 +308,7 @@ def missing(field: str) -> InputError:
 
 def _described(field: str) -> str:
     """Description of a field, in brackets; empty where its name says all there is to say."""
-    key = key_of(field)
-    words = describe(key)
+    words = describe(key := key_of(field))
     return f" ({words})" if words != key.replace("_", " ") else ""
 
 
