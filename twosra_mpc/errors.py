@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from reprlib import Repr
 from types import FrameType
 from typing import Any
@@ -35,25 +35,23 @@ class InputWarning(UserWarning):
     """Input is legal, and probably not what was meant: another unit or frame, parts left out."""
 
 
-def _package(frame: FrameType) -> str:
-    return str(frame.f_globals.get("__name__")).partition(".")[0]
-
-
 def is_users(call: FrameType | None, *through: str) -> bool:
     """True if a call came from a user's program, perhaps through some modules of this package."""
     while call and call.f_globals.get("__name__") in through:
         call = call.f_back
-    return call is not None and _package(call) not in _OWN
+    return call is not None and str(call.f_globals.get("__name__")).partition(".")[0] not in _OWN
 
 
-def doubt(words: str) -> None:
+def doubt(doubts: Iterable[str], source: str | None = None) -> None:
     """Warn of input (`InputWarning`) at the line of the user's program that it came from."""
     frame = sys._getframe()
-    while frame.f_back and _package(frame) in _OWN:
+    while frame.f_back and not is_users(frame):
         frame = frame.f_back
     seen = frame.f_globals.setdefault("__warningregistry__", {})
     place = frame.f_code.co_filename, frame.f_lineno
-    warnings.warn_explicit(words, InputWarning, *place, registry=seen)
+    for each in doubts:
+        words = f"{source}: {each}" if source else each
+        warnings.warn_explicit(words, InputWarning, *place, registry=seen)
 
 
 class Missing(str):

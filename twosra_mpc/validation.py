@@ -106,12 +106,9 @@ _KINDS: dict[str, type[BaseModel]] = {}  # every record by the name of its class
 class Value(BaseModel):
     """A frozen record whose construction either succeeds with valid fields or names the bad one.
 
-    Attributes:
-        unit_doubts: Numbers that are legal and probably in another unit, each with what may be
-            meant; of problems and robots.
-
     Warns:
-        InputWarning: Of these, where a user's program makes it.
+        InputWarning: Of its ``unit_doubts``, which problems and robots have: numbers that are
+            legal and probably in another unit; where a user's program makes it.
 
     Raises:
         InputError: On an unknown or missing key, a wrong type or shape, a value that is not finite
@@ -121,10 +118,6 @@ class Value(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
     )
-
-    @property
-    def unit_doubts(self) -> tuple[str, ...]:  # noqa: D102  # see the class
-        return ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -141,9 +134,9 @@ class Value(BaseModel):
                 details = [one for one in error.errors() if one["type"] != _FOLLOWS]
                 problems = [named_problem(type(self), detail) for detail in details]
                 raise problems[0].among(problems[1:]) from None
-            if is_users(sys._getframe(1), "twosra_mpc.arguments", __name__):
-                for each in self.unit_doubts:
-                    doubt(each)
+            doubted = hasattr(type(self), "unit_doubts")
+            if doubted and is_users(sys._getframe(1), "twosra_mpc.arguments", __name__):
+                doubt(self.unit_doubts)
 
         def __setattr__(self, name: str, value: Any) -> None:
             if not name.startswith("_"):
@@ -309,8 +302,7 @@ def missing(field: str) -> InputError:
 
 def _described(field: str) -> str:
     """Description of a field, in brackets; empty where its name says all there is to say."""
-    key = key_of(field)
-    words = describe(key)
+    words = describe(key := key_of(field))
     return f" ({words})" if words != key.replace("_", " ") else ""
 
 

@@ -85,8 +85,7 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     if left_out:
         doubts.append(f"features without a geometry are left out: {len(left_out)}")
     doubts += _doubts_about_lengths([polygon.bounds for _, polygon in found])
-    for each in doubts:
-        doubt(f"{source}: {each}")
+    doubt(doubts, source)
     pieces = [(name, piece) for name, polygon in found for piece in without_holes(polygon)]
     return tuple(_named(pieces))
 
@@ -167,21 +166,21 @@ def _unit_of(frame: str) -> str:
     own = "".join(("", *_UNIT.findall(frame))[-1])
     frame = own or frame
     code = int(found[1]) if (found := _CODE.search(frame)) else 0
-    if unit := _units_of_codes().get(code):
-        return unit
     said = (unit for unit, words in _UNITS.items() if re.search(words, frame, re.IGNORECASE))
-    return next(said, "metres" if code in range(*_CODES) else own)
+    unit = _units_of_codes().get(code) or next(said, "")
+    return unit or ("metres" if code in range(*_CODES) else own)
 
 
 @functools.cache
 def _units_of_codes() -> dict[int, str]:
     """Units other than metres of the frames that EPSG and ESRI number."""
     table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-    found = {}
-    for unit, codes in table.items():
-        for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d))?", codes):
-            found |= dict.fromkeys(range(int(first), int(last or first) + 1, int(step or 1)), unit)
-    return found
+    return {
+        code: unit
+        for unit, codes in table.items()
+        for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d))?", codes)
+        for code in range(int(first), int(last or first) + 1, int(step or 1))
+    }
 
 
 def _doubts_about_lengths(bounds: Sequence[tuple[float, float, float, float]]) -> Iterator[str]:

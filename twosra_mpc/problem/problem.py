@@ -593,8 +593,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
             document[key] = path.parent / given
     with reading(str(source), "scenario"):
         problem = Problem.parse(document, str(source))
-    for each in problem.unit_doubts:
-        doubt(f"{source}: {each}")
+    doubt(problem.unit_doubts, str(source))
     return problem
 
 

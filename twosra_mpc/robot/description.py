@@ -241,8 +241,7 @@ def load_robot(source: str | Path) -> Robot:
     check_kind(document, "robot", str(source))
     with reading(str(source), "robot"):
         robot = Robot.parse(document, str(source))
-    for each in robot.unit_doubts:
-        doubt(f"{source}: {each}")
+    doubt(robot.unit_doubts, str(source))
     return robot
 
 

@@ -139,8 +139,8 @@ def _doubt_units(source: str, q: Array, v: Array) -> None:
     v1, v2, u0, v0, r0 = np.abs(v).max(axis=0).tolist()
     speeds = {"v1_m_s": v1, "v2_m_s": v2, "u0_m_s": u0, "v0_m_s": v0, "r0_rad_s": r0}
     pose = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa}
-    for each in doubts({"start": pose, **speeds}):
-        doubt(f"{source}: largest {each.removeprefix('start.')}")
+    found = doubts({"start": pose, **speeds})
+    doubt((f"largest {each.removeprefix('start.')}" for each in found), source)
 
 
 def _with_phases(log: MotionLog, clock: str) -> MotionLog:
@@ -149,7 +149,8 @@ def _with_phases(log: MotionLog, clock: str) -> MotionLog:
         allowed = f"one with two rows of one mode, not more than {LONGEST_STEP_S:zg} s apart"
         raise InputError("log", log.source, allowed, hint=hint)
     if hint:
-        doubt(f"{log.source}: rows are {np.median(np.diff(log.time_s)):zg} s apart; {hint}")
+        apart_s = float(np.median(np.diff(log.time_s)))
+        doubt([f"rows are {apart_s:zg} s apart; {hint}"], log.source)
     return log
 
 

@@ -117,8 +117,7 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if count := int(saved.sum()):
         grey = f"{count} cells of grey {_SAVED_UNKNOWN}, which map_saver writes for unknown"
         doubts.append(f"{grey}, are free by free_thresh = {said.free_thresh:zg}; taken as unknown")
-    for each in doubts:
-        doubt(f"{source}: {each}")
+    doubt(doubts, source)
     occupied, free = occupied & seen, free & seen & ~saved
     unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
