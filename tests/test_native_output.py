@@ -89,7 +89,7 @@ def ran(*command: str, given: str = "") -> tuple[int, str, str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the commands read."""
     folder = tmp_path_factory.mktemp("folder")
-    solved("shape-change").save(folder / "plan.json")
+    solved("rigid-move").save(folder / "plan.json")
     write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
     write_map(folder, [[0, 255], [255, 255]])
     write_folder(folder / "shots", [-30.0, 20.0])
