@@ -33,7 +33,7 @@ from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import Thermal
 
-MANY = range(24)
+MANY = range(12)  # of more: python -m benchmarks attack
 
 attacked = cache(attack)
 

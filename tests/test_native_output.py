@@ -87,7 +87,7 @@ def ran(*command: str, given: str = "") -> tuple[int, str, str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the commands read."""
     folder = tmp_path_factory.mktemp("folder")
-    solved("shape-change").save(folder / "plan.json")
+    solved("rigid-move").save(folder / "plan.json")
     for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
         write_rows(rows, folder / file)
     write_map(folder, [[0, 255], [255, 255]])

@@ -77,7 +77,8 @@ def limited(start: float, goal: float) -> Problem:
 def inside(x_m: float) -> Problem:
     """A drive from the edge of a workspace to its middle."""
     workspace = {"x_m": (x_m, 1.0), "y_m": (-1.0, 1.0)}
-    return Problem(robot=ROBOT, start=AT_REST, goal={**AT_REST, "x_m": 0.2}, workspace=workspace)
+    goal = {**AT_REST, "x_m": 0.2}
+    return Problem(robot=ROBOT, start=AT_REST, goal=goal, workspace=workspace, gap=0.1)
 
 
 def edge_m() -> float:

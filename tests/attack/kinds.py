@@ -31,7 +31,7 @@ from twosra_mpc.lab.identification.transition_fit import read_transitions
 from twosra_mpc.plans.setpoints import save_authors_csv
 
 _PACKAGE = Path(twosra_mpc.__file__).parent
-_LIMIT = ("--time-limit", "0.5")
+_LIMIT = ("--time-limit", "0.1")
 
 
 class Kind(NamedTuple):
@@ -86,7 +86,7 @@ def _run_log() -> tuple[bytes, ...]:
 
 def _finish(arguments: list[str]) -> None:
     """Go on with a study from its log."""
-    settings = ("count=2", "robots=2", "time_limit_s=0.1")
+    settings = ("count=2", "robots=2", "time_limit_s=0.01")
     with tempfile.TemporaryDirectory() as folder:
         if (log := Path(arguments[0])).exists():
             shutil.copy(log, Path(folder) / NAME)
