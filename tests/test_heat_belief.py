@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from benchmarks.lying import LIES, Metal, watched
+from benchmarks.lying import LIES, Metal, Segment, watched
 from twosra_mpc import load_robot
 from twosra_mpc.execution.healthy_segments import Heat
 from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
@@ -113,6 +113,33 @@ def test_the_heater_goes_off_before_metal_is_too_hot_under_a_sensor_that_sticks(
             belief, stuck_s = belief.take(FULL, stays_C), stuck_s + 1
         assert belief.cut
         assert metal.hottest_C <= HIGHEST_C
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sensor_that_sticks_in_the_first_melt_does_not_hide_that_metal_has_melted(
+    seed: int,
+) -> None:
+    """Such a reading is that of metal that melts slowly, until known heat must have melted it."""
+    rng = np.random.default_rng(seed)
+    metal, lag_s, sticks_C = Metal(ROBOT, AIR_C, rng, False), float(rng.uniform(2.0, 8.0)), 61.0
+    belief, heat = begun(), FULL
+    belief = heated(belief, metal, lag_s, sticks_C - 1.5)
+    for _ in range(300):
+        for _ in range(10):
+            metal.advance(FULL_A * heat.share)
+        belief = belief.take(heat, sticks_C + 0.1 * float(rng.standard_normal()))
+        heat = OFF if belief.cut else FULL
+    assert metal.hottest_C <= HIGHEST_C
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_samples_of_a_fast_switch_told_as_currents_are_no_danger(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mean is to be told; what is on at the moment of a reading tells next to nothing."""
+    rng = np.random.default_rng(seed)
+    monkeypatch.setattr(Segment, "told_A", lambda _: FULL_A * float(rng.random() < 0.5))
+    assert watched(ROBOT, seed, lasts_s=300.0).hottest_C <= HIGHEST_C
 
 
 def test_a_reading_at_the_set_point_makes_no_liquid_of_metal_without_the_heat_for_it() -> None:
