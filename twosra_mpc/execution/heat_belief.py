@@ -6,7 +6,8 @@ metal last was at rest, are found by Gauss-Newton steps within the ranges of hea
 was known before is the prior. Beside a segment of these values others are warmed, a deviation off
 along each principal axis of what is not known: their differences are the sensitivities of readings
 and metal. The heater is off where metal may be too hot, or where no healthy segment would have
-shown what was shown.
+shown what was shown. A sensor that sticks near the melting point shows what metal that melts slowly
+would: where known heat alone makes metal too hot, such readings must not cost much.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
 _UNLIKE_COST = 20.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
-_UNLIKE_TOLD = 5.0  # of readings near the melting point, beyond all others; 4.2 of healthy segments
+_UNLIKE_TOLD = 10.0  # of readings near the melting point of hot metal; 4.2 of healthy segments
 _GAIN = 0.1  # less is not worth a step
-_DOUBT_K = 0.8  # from which on the heater waits
+_DOUBT_K, _DOUBT_TOLD = 0.8, 5.0  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
 _ENDS = 1.05  # of the ranges: segments at their ends
-_SURELY = 2.5  # deviations
+_SURELY, _LIKELY = 2.5, 1.0  # deviations; of metal by known heat alone
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
 _STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
@@ -163,6 +164,8 @@ class HeatBelief(ArrayValue):
         step: Gauss-Newton step from there, (p,).
         covariance: Of the parameters, (p, p).
         cost: Of the prior, after the step: how unlikely such a segment was.
+        told: Cost of readings near the melting point, beyond all others, where known heat alone
+            makes metal too hot; else 0.
         since: Heat and readings since the start.
         heat: Heat since the last of them.
         shown_C: Last reading; None if there was none.
@@ -182,6 +185,7 @@ class HeatBelief(ArrayValue):
     step: Array
     covariance: Array
     cost: float = 0.0
+    told: float = 0.0
     since: Since = ()
     heat: Heat = NONE
     shown_C: float | None = None
@@ -205,7 +209,8 @@ class HeatBelief(ArrayValue):
     @property
     def misfit(self) -> float:
         """Misfit of the last readings, or of what explains all; healthy segments stay below 1."""
-        return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST)
+        told = self.told / _UNLIKE_TOLD
+        return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
     def heated_s(self) -> float:
@@ -359,14 +364,16 @@ class HeatBelief(ArrayValue):
             _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
-        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now._melts_oddly()
+        now = replace(now, told=now._told())
+        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _DOUBT_TOLD
         return replace(now, cut=hot or doubted)
 
-    def _melts_oddly(self) -> bool:
-        """True if known heat may have made metal too hot that readings unlikely have melting."""
-        if self.blind is self.fit or self._cost(self.fit) < self._cost(self.blind) + _UNLIKE_TOLD:
-            return False
-        return self.cut or self._about(self.blind)._hot(False)
+    def _told(self) -> float:
+        """Cost of readings near the melting point where known heat alone makes metal too hot."""
+        if self.blind is self.fit:
+            return 0.0
+        hot = replace(self._about(self.blind), surely=_LIKELY)._hot(self.cut)
+        return self._cost(self.fit) - self._cost(self.blind) if hot else 0.0
 
     def _cost(self, fit: Fit) -> float:
         _, _, (cost,), (gain,) = fit.solved(self.prior)

@@ -119,8 +119,8 @@ class ReportedSegment:
     current that holds, or more: so it goes off a little before the set-point.
 
     Attributes:
-        current_A: Current since it was last switched; None where a ``hold_duty`` of 1 says that the
-            firmware regulates: it does not tell.
+        current_A: Root mean square since the last reading, for it is switched once in between;
+            None where a ``hold_duty`` of 1 says that the firmware regulates: it does not tell.
     """
 
     def __init__(
