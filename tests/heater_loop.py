@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.control.heated_segment import HeatedSegment
 from twosra_mpc.control.stiffness_controller import Event, StiffnessController
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor
-from twosra_mpc.control.heated_segment import HeatedSegment
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.model import SegmentModel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from once import planned
 
-from twosra_mpc import Plan
+from twosra_mpc import Plan, Problem, Result, Status, plan
 from twosra_mpc.execution import (
     LEVELS,
     Controller,
@@ -137,6 +138,12 @@ class Fails(SimulatedRobot):
         self.fail("wait")
         super().wait(at_most_s)
 
+    def think(self, problem: Problem) -> Result | None:
+        self.left -= self.part == "plan"
+        if self.part == "plan" and self.left == 0:
+            return replace(plan(problem), plan=None, status=Status.FAILED)
+        return super().think(problem)
+
 
 @pytest.mark.parametrize("part", ["read", "send", "wait"])
 @pytest.mark.parametrize("number", range(1, 122, 12))
@@ -149,6 +156,18 @@ def test_whatever_call_fails_the_robot_is_off(part: str, number: int) -> None:
         assert robot.left > 0
     except BrokenError:
         assert robot.left <= 0
+    wheels, setpoint_C = robot.told[-1]
+    assert not wheels.any()
+    assert (setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_whatever_plan_is_not_found_the_robot_is_off(number: int) -> None:
+    made = planned("rigid-move")
+    robot = Fails(made, "plan", number)
+    run = Executor(robot, think=robot.think).run(made)
+    assert run.ending in (Ending.REACHED, Ending.NO_PLAN)
+    assert run.ending is Ending.REACHED or robot.left <= 0
     wheels, setpoint_C = robot.told[-1]
     assert not wheels.any()
     assert (setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
