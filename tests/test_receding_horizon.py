@@ -8,8 +8,8 @@ import pytest
 
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.execution import simulate
-from twosra_mpc.execution.replanning import cost_of_rest_s
-from twosra_mpc.planning.planner import SWITCH_S, plan_again
+from twosra_mpc.execution.replanning import SWITCH_S, cost_of_rest_s
+from twosra_mpc.planning.planner import plan_again
 
 
 @pytest.fixture(scope="module")

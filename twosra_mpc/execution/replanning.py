@@ -13,7 +13,7 @@ from twosra_mpc.execution.controller import Activity, Looking, Next, rest
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.schedule import cost_coefficients
-from twosra_mpc.planning.planner import SWITCH_S, plan_again
+from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.planning.solver.fixed_sequence import feasible_schedule
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
@@ -27,6 +27,7 @@ from twosra_mpc.timing import transition_model
 if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
 
+SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertain
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 
 

@@ -44,7 +44,7 @@ from twosra_mpc.timing import transition_model
 if TYPE_CHECKING:
     from twosra_mpc.planning.solver.placer import Placer
 
-SWITCH_S = 3.0  # a change from one plan to another: what is known of metal is as uncertain
+_WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
@@ -87,7 +87,7 @@ def plan_without(problem: Problem, excluded: frozenset[ModeSequence]) -> Result:
 
 
 def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
-    """Plan as ``plan`` does, but look for nothing that is better by less than a switch costs.
+    """Plan as ``plan`` does, but look for nothing that is better by a few seconds only.
 
     Args:
         problem: What is left of another.
@@ -98,7 +98,7 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
         InputError: As ``plan`` does.
         PlanInterrupted: At Ctrl-C.
     """
-    result = _within_limits(problem, lambda: _plan(problem, None, than_s, SWITCH_S))
+    result = _within_limits(problem, lambda: _plan(problem, None, than_s, _WORTH_S))
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result
