@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from once import planned
 
 from benchmarks.thermal_scale import thermally_faster
-from twosra_mpc import Plan, load_robot
+from twosra_mpc import Plan, Problem, Result, Status, load_robot, plan
 from twosra_mpc.execution import (
     LEVELS,
     Controller,
@@ -141,6 +142,12 @@ class Fails(SimulatedRobot):
         self.fail("wait")
         super().wait(at_most_s)
 
+    def think(self, problem: Problem) -> Result | None:
+        self.left -= self.part == "plan"
+        if self.part == "plan" and self.left == 0:
+            return replace(plan(problem), plan=None, status=Status.FAILED)
+        return super().think(problem)
+
 
 @pytest.mark.parametrize("part", ["read", "send", "wait"])
 @pytest.mark.parametrize("number", [1, 2, 25, 50, 121])
@@ -153,6 +160,18 @@ def test_whatever_call_fails_the_robot_is_off(part: str, number: int) -> None:
         assert robot.left > 0
     except BrokenError:
         assert robot.left <= 0
+    wheels, setpoint_C = robot.told[-1]
+    assert not wheels.any()
+    assert (setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_whatever_plan_is_not_found_the_robot_is_off(number: int) -> None:
+    made = planned("rigid-move")
+    robot = Fails(made, "plan", number)
+    run = Executor(robot, think=robot.think).run(made)
+    assert run.ending in (Ending.REACHED, Ending.NO_PLAN)
+    assert run.ending is Ending.REACHED or robot.left <= 0
     wheels, setpoint_C = robot.told[-1]
     assert not wheels.any()
     assert (setpoint_C <= made.robot.heater.rigid_setpoint_C).all()

@@ -221,6 +221,9 @@ class PlanPolicy(Protocol):
     def arrived(self, index: int) -> Next:
         """What to do when a phase may begin, or at the plan's end."""
 
+    def learnt(self, index: int, what: str) -> Next | None:
+        """What to do about what has become known while a phase is waited for; None: wait on."""
+
     def left(self, abort: Abort) -> Next:
         """What to do when the plan cannot be followed any farther."""
 
@@ -232,6 +235,8 @@ class Waiting:
         """Wait for a phase, or for the plan's end."""
         self._policy, self._index = policy, index
         self._begun_s = self._before_s = policy.course.belief.now_s
+        self._from_s = policy.course.clock_s
+        self._told, self._late = len(policy.course.belief.changes), False
         policy.during = f"waiting for {policy.course.name(index)}"
 
     def advance(self) -> Next:
@@ -246,6 +251,23 @@ class Waiting:
         if ready:
             course.clock_s = until_s
             return policy.arrived(self._index)
+        if (what := self._learnt()) and (other := policy.learnt(self._index, what)) is not None:
+            return other
         left_s, rest_s = until_s - course.clock_s, course.patience.rest_s
         rest_s = min(left_s, rest_s) if left_s > SAME_TIME_S else rest_s
         return rest(course.belief, policy.setpoint_C, rest_s, course.planned)
+
+    def _learnt(self) -> str:
+        """What has become known since it was asked last, in words; nothing if nothing has."""
+        course = self._policy.course
+        changes, (mode, until_s) = course.belief.changes, course.needs(self._index)
+        if len(changes) > self._told:
+            self._told = len(changes)
+            return f"segment {changes[-1].segment} is {changes[-1].to}"
+        segments = enumerate(mode)
+        planned_s = [course.schedule.expected_s(j, "soft" if s else "rigid") for j, s in segments]
+        waited_s = course.belief.now_s - self._begun_s - (until_s - self._from_s)
+        if self._late or waited_s <= course.patience.slow * max(planned_s):
+            return ""
+        self._late = True
+        return f"{course.name(self._index)} is {waited_s:z.0f} s late"

@@ -17,7 +17,7 @@ from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.run_log import RunRecord
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.interrupts import Interrupts
-from twosra_mpc.planning.planner import plan as find_plan
+from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
 
@@ -62,7 +62,7 @@ def run_controller(
 
 @public
 def plan_controller(
-    plan: Plan, camera: Camera, settings: ExecutorSettings | None = None, think: Think = find_plan
+    plan: Plan, camera: Camera, settings: ExecutorSettings | None = None, think: Think = plan_again
 ) -> Controller:
     """Controller that follows a plan by a camera, and plans the rest again where it must.
 
@@ -118,7 +118,7 @@ class Executor:
     robot: RobotInterface
     settings: ExecutorSettings = field(default_factory=ExecutorSettings)
     on_command: OnCommand = unobserved
-    think: Think = find_plan
+    think: Think = plan_again
 
     def run(self, plan: Plan) -> Run:
         """Run a plan; the robot must be where it starts. It stands at the end, heaters off.

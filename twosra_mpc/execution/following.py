@@ -13,7 +13,7 @@ from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.driving import Driving, Pulses
 from twosra_mpc.execution.guard import MeetsItselfError
 from twosra_mpc.execution.mission import Mission
-from twosra_mpc.execution.replanning import Replanning
+from twosra_mpc.execution.replanning import Replanning, reconsidered
 from twosra_mpc.execution.run import Ending, Verdict, times
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.settings import ExecutorSettings
@@ -69,6 +69,7 @@ class Following:
         self.pulses = Pulses(self.settings.dead_zone_rad_s)
         self.tracker.reset(plan)
         self._plans.append(plan)
+        self._decided_s = self.belief.now_s
 
     # A plan on its way.
 
@@ -217,11 +218,22 @@ class Following:
                 return self.verdict(Ending.GAVE_UP, words)
             self._corrections += 1
             belief.tell("correct", f"the pose is corrected, {summary(plan)}")
+        return self._take_up(plan)
+
+    def _take_up(self, plan: Plan) -> Activity:
         self._begun.append(self.course.begun)
         self.mission.begin(plan)
         self._follow(plan)
         self.near = ""
         return Waiting(self, 0)
+
+    def learnt(self, index: int, what: str) -> Next | None:
+        """Another plan, if one is better than this; None: it stays, or that was just decided."""
+        if (now_s := self.belief.now_s) < self._decided_s + self.patience.rest_s:
+            return None
+        self._decided_s = now_s
+        better = reconsidered(self, index, what)
+        return None if better is None else self._take_up(better)
 
     def melt_on_s(self) -> float:
         """Time to hold soft segments for so that all of their metal melts: longer each time."""
@@ -267,6 +279,10 @@ class _DueTasks:
             self._looked = False
             if (left := mission.judge()) is not None:
                 return run.left(left)
+        course, index = run.course, self._index
+        known = "may begin" if self._begins else "is waited for"
+        if (other := run.learnt(index, f"{course.name(index)} {known}")) is not None:
+            return other
         return run.drive(self._index) if self._begins else Waiting(run, self._index)
 
     def _look(self) -> Next:

@@ -88,6 +88,9 @@ class Playing:
         course.belief.tell("drive", f"{course.name(index)} begins")
         return _Phase(self, index)
 
+    def learnt(self, index: int, what: str) -> None:
+        """There is no other plan."""
+
     def left(self, abort: Abort) -> Next:
         """There is no other plan.
 

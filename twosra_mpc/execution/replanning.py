@@ -12,16 +12,22 @@ from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.controller import Activity, Looking, Next, rest
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.planning.bounds.schedule import cost_coefficients
+from twosra_mpc.planning.planner import plan_again
+from twosra_mpc.planning.solver.fixed_sequence import feasible_schedule
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.timing import transition_model
 
 if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
 
+SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertain
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 
 
@@ -74,20 +80,11 @@ class Replanning:
         return Looking(belief, never, settings.patience.objects_s, self._plan)
 
     def _plan(self) -> Next:
-        run, metal = self._run, [one for one in self._belief.metal if one is not None]
-        if len(metal) < len(self._belief.metal):  # it began to change during the look
-            return self
         try:
-            rest_of_it = remaining_problem(
-                *run.mission.rest(),
-                metal,
-                run.broken,
-                misses=len(run.missed),
-                avoided=self._avoided,
-            )
+            left = what_is_left(self._run)
         except InputError as error:
             return self._failed(str(error))
-        return _Thinking(self, rest_of_it)
+        return self if left is None else _Thinking(self, left)  # None: metal changes since the look
 
     def planned(self, problem: Problem) -> Next:
         """Ask for a plan; stand as long as that takes."""
@@ -117,12 +114,6 @@ class Replanning:
     def _rigid(self) -> bool:
         return set(self._belief.reading.stiffness) == {"rigid"}
 
-    @property
-    def _avoided(self) -> set[Mode]:
-        """Modes of several segments whose bends have missed before: these bend one by one."""
-        several = {mode for mode in self._run.missed if sum(mode) > 1}
-        return {mode for mode in several if self._run.missed.count(mode) > _MISSES}
-
     def _as_they_become(self) -> Array:
         """Set-points that let every segment become, or stay, what it is becoming, (n,)."""
         belief, heater = self._belief, self._belief.problem.robot.heater
@@ -143,6 +134,67 @@ class _Thinking:
 
     def advance(self) -> Next:
         return self._replanning.planned(self._problem)
+
+
+def what_is_left(run: Following) -> Problem | None:
+    """What is left of a run's problem, from where it is; None while metal is in no known state.
+
+    Modes of several segments whose bends have missed are avoided: these bend one by one.
+
+    Raises:
+        InputError: If no mode is left.
+    """
+    metal = [one for one in run.belief.metal if one is not None]
+    if len(metal) < len(run.belief.metal):
+        return None
+    missed, most = run.missed, _MISSES
+    avoided = {mode for mode in missed if sum(mode) > 1 and missed.count(mode) > most}
+    return remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
+
+
+def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:
+    """A plan that is better than the rest of the one in force by more than switching costs.
+
+    None if that stays: also where the state of metal is not known, or no plan is made in time
+    to be of use, as among obstacles and of tasks.
+
+    Args:
+        run: A run on its way.
+        index: Phase that comes next.
+        learnt: What has become known, in words.
+    """
+    plan = run.course.plan
+    asked = run.problem
+    if index == len(plan.phases) or asked.tasks or asked.obstacles or asked.planner == "greedy":
+        return None
+    try:
+        left = what_is_left(run)
+    except InputError:
+        return None
+    cost_s = None if left is None else cost_of_rest_s(plan, index, left)
+    if left is None or cost_s is None:
+        return None
+    result = plan_again(left, cost_s - SWITCH_S)
+    words = f"{learnt}: of the plan {cost_s:z.1f} s are left"
+    if (better := result.plan) is None or not result.found:
+        least = f"none takes less than {result.lower_bound or 0.0:z.1f} s"
+        run.belief.tell("kept", f"{words}, {least}")
+        return None
+    sequence = sequence_name(better.sequence)
+    run.belief.tell("replan", f"{words}, {sequence} takes {better.duration_s:z.1f} s")
+    return better
+
+
+def cost_of_rest_s(plan: Plan, index: int, left: Problem) -> float | None:
+    """Cost of a plan's phases from one on, begun anew from the metal at a problem's start."""
+    phases = plan.phases[index:]
+    lasting = np.array([phase.end_s - phase.start_s for phase in phases])
+    modes = tuple(phase.mode for phase in phases)
+    network = transition_model(left).network(modes, plan.last_mode, [0.0] * len(phases))
+    if (found := feasible_schedule(network, lasting, left)) is None:
+        return None
+    prices, constant = cost_coefficients(found[1], left.cost_weights)
+    return float(prices @ found[0]) + constant
 
 
 _ROUNDING = 1e-9

@@ -18,7 +18,7 @@ from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.validation import ArrayValue
 
 EventKind = Literal[
-    "plan", "drive", "confirmed", "look", "task", "correct", "replan", "failure", "end"
+    "plan", "drive", "confirmed", "look", "task", "correct", "kept", "replan", "failure", "end"
 ]
 
 Executed = Literal["optimal", "greedy", "stream"]

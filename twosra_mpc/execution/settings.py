@@ -15,6 +15,7 @@ class Patience(Value):
         rest_s: Longest rest between two looks at the heaters.
         late: A transition that takes so many times the planned time has failed.
         least_transition_s: What is taken for the planned time, at least.
+        slow: A phase that is waited for so much longer than its change was planned to take is late.
         longest_change_s: A segment that has been changing for so long keeps nobody waiting.
         melt_on_s: How long a segment that seems to be stiff is held soft before planning again;
             twice as long the next time, and four times from then on.
@@ -51,6 +52,7 @@ class Patience(Value):
     rest_s: Positive = 1.0  # the follow-up robot reports once a second
     late: Positive = 3.0  # chosen: the robot files' 5 to 95 % ranges stay below 2
     least_transition_s: Positive = 20.0  # its controller calls a heater stuck after as long
+    slow: Positive = 0.5  # the robot files' 5 to 95 % ranges stay below
     longest_change_s: Positive = 1500.0  # six freezes of 2sra-v1
     melt_on_s: Positive = 30.0  # half a melt of 2sra-v1
     come_nearer_s: Positive = 15.0

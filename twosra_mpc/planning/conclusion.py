@@ -43,7 +43,11 @@ class Progress(NamedTuple):
     lower_bound: float
 
 
-STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
+STOPPED = {
+    Ending.LIMIT: "a limit was reached",
+    Ending.INTERRUPTED: "interrupted",
+    Ending.CLOSED: "none is better than one that is known",
+}
 
 
 def advice(ending: Ending) -> str:
@@ -220,12 +224,12 @@ def _bound_s(plan: Plan, model: Confirmed, duration_s: float) -> float | None:
 
     steps = iter(range(_STEPS))
     with limited(problem.work_limit, problem.time_limit_s):
-        search = branch_and_bound(
+        search: SearchResult[None] = branch_and_bound(
             stage_tree(problem, Ways(problem).variants(), none, timing=model),
             gap=problem.gap,
             out_of_time=lambda: next(steps, None) is None,
             on_progress=lambda *_: None,
-            incumbent=lambda: (duration_s, None),
+            known=duration_s,
             proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         )
     if search.ending is Ending.INTERRUPTED:

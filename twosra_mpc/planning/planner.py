@@ -44,6 +44,8 @@ from twosra_mpc.timing import transition_model
 if TYPE_CHECKING:
     from twosra_mpc.planning.solver.placer import Placer
 
+_WORTH_S = 3.0  # better by less no plan is looked for in a run
+
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
 
@@ -84,6 +86,24 @@ def plan_without(problem: Problem, excluded: frozenset[ModeSequence]) -> Result:
     return _within_limits(problem, lambda: _search(problem, excluded))
 
 
+def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
+    """Plan as ``plan`` does, but look for nothing that is better by a few seconds only.
+
+    Args:
+        problem: What is left of another.
+        than_s: Cost of a plan that is known, the first incumbent: where no bound is below it by
+            more than that, nothing is solved, and the result has a bound and no plan.
+
+    Raises:
+        InputError: As ``plan`` does.
+        PlanInterrupted: At Ctrl-C.
+    """
+    result = _within_limits(problem, lambda: _plan(problem, None, than_s, _WORTH_S))
+    if result.ending is Ending.INTERRUPTED:
+        raise PlanInterrupted(result)
+    return result
+
+
 def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
     """A result, or that its effort was over before, or after, the search."""
     started = time.perf_counter()
@@ -101,7 +121,12 @@ def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
     return Result(problem, *how, stats, None)
 
 
-def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> Result:
+def _plan(
+    problem: Problem,
+    on_progress: Callable[[Progress], None] | None,
+    than_s: float = math.inf,
+    worth_s: float = 0.0,
+) -> Result:
     check_shapes(problem)
     check_workspace(problem)
     if problem.obstacles:
@@ -114,13 +139,15 @@ def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> R
         check_mission(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
-    return _search(problem, frozenset(), on_progress)
+    return _search(problem, frozenset(), on_progress, than_s, worth_s)
 
 
 def _search(
     problem: Problem,
     excluded: frozenset[ModeSequence],
     on_progress: Callable[[Progress], None] | None = None,
+    than_s: float = math.inf,
+    worth_s: float = 0.0,
 ) -> Result:
     """Stages, their variants, their tree and its bounds, the solver: a result."""
     started, ways = time.perf_counter(), Ways(problem)
@@ -150,6 +177,8 @@ def _search(
         look=lambda: None if tree.nodes.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=_confirmed,
+        worth=worth_s,
+        known=than_s,
     )
     stats = Stats(
         wall_s=time.perf_counter() - started,

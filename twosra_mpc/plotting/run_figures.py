@@ -33,6 +33,7 @@ from twosra_mpc.validation import Seconds
 Record = RunLog | Truth
 
 ACCURACY_COLOUR = "#12997c"
+_DECISIONS = {"replan": (figures.SOFT_COLOUR, "planned again"), "kept": ("0.7", "the plan stays")}
 JOINED_S = 12.0  # drives of one mode that are less than this apart are shown as one
 
 
@@ -181,8 +182,9 @@ def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):
-        if event.kind == "replan":
-            ax.axvline(event.time_s, color=figures.SOFT_COLOUR, lw=1.0, ls=":", zorder=1)
+        if event.kind in _DECISIONS:
+            colour, _ = _DECISIONS[event.kind]
+            ax.axvline(event.time_s, color=colour, lw=1.0, ls=":", zorder=1)
     figure.align_ylabels(axes)
 
 
@@ -201,8 +203,9 @@ def _draw_states(ax: Axes, run: Run) -> None:
     timeline_figures.draw_stiffness(ax, intervals, 0.6).set_ylim(-0.5, len(intervals) - 0.5)
     ax.tick_params(axis="y", length=0)
     handles: list[Any] = timeline_figures.state_handles("heater current")
-    if run.replans:
-        handles.append(Line2D([], [], c=figures.SOFT_COLOUR, lw=1.0, ls=":", label="planned again"))
+    for kind in {event.kind for event in run.events} & _DECISIONS.keys():
+        colour, words = _DECISIONS[kind]
+        handles.append(Line2D([], [], c=colour, lw=1.0, ls=":", label=words))
     ax.legend(handles=handles, **figures.BESIDE)
 
 

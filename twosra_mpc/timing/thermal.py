@@ -26,7 +26,6 @@ from twosra_mpc.thermal.heating import (
 )
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.thermal.model import State
-from twosra_mpc.thermal.uncertainty import Windows
 from twosra_mpc.timing.network import (
     Delay,
     Dwell,
@@ -225,10 +224,6 @@ class Thermal(TransitionModel):
         """Heating plan of each segment."""
         return tuple(self._plan(j) for j in range(len(self.first)))
 
-    def windows(self, segment: int) -> Windows:
-        """Bounds of real transitions of a segment (from 0), as shares of the model's."""
-        return self.problem.windows(segment)
-
     def _plan(self, segment: int) -> HeatingPlan:
         problem, heater = self.problem, self.problem.robot.heater
         solid_below_C, _ = problem.segment_thresholds_C[segment]
@@ -240,7 +235,7 @@ class Thermal(TransitionModel):
             melt_current_A=heater.melt_current_A,
             soft_setpoint_C=heater.soft_setpoint_C,
             rigid_setpoint_C=heater.rigid_setpoint_C,
-            windows=self.windows(segment),
+            windows=self.problem.windows(segment),
             keep_warm=warm if problem.heating == "keep_warm" and may_keep_warm else None,
         )
 
@@ -341,8 +336,9 @@ class Thermal(TransitionModel):
 class Confirmed(Thermal):
     """Melting and freezing by the thermal model of each segment, until a run goes on with it."""
 
-    def windows(self, segment: int) -> Windows:
-        return confirming_windows(self.problem.robot, self.problem.ambient, segment)
+    def _plan(self, segment: int) -> HeatingPlan:
+        windows = confirming_windows(self.problem.robot, self.problem.ambient, segment)
+        return replace(super()._plan(segment), windows=windows)
 
 
 def confirmed_model(problem: Problem) -> Confirmed | None:

@@ -22,7 +22,7 @@ from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.motion import Motion, PathMotion, PhysicsMotion
 from twosra_mpc.physics.engine import Engine
-from twosra_mpc.planning.planner import plan as find_plan
+from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
@@ -210,7 +210,7 @@ class SimulatedRobot:
     def think(self, problem: Problem) -> Result | None:
         """Plan while time passes for the robot; None as long as the disturbance says it takes."""
         if self._thought is None:
-            self._thought = find_plan(problem), self.time_s + self._disturbance.planning_s
+            self._thought = plan_again(problem), self.time_s + self._disturbance.planning_s
         result, end_s = self._thought
         if end_s - self.time_s > _INSTANT_S:
             return None

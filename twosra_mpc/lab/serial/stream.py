@@ -28,7 +28,7 @@ from twosra_mpc.lab.serial.port import Clock, Port, SteppedClock
 from twosra_mpc.lab.serial.pose_lines import PoseLines
 from twosra_mpc.lab.serial.robot import RATE_HZ, SerialRobot, connected
 from twosra_mpc.lab.serial.think_aside import ThinkAside
-from twosra_mpc.planning.planner import plan as find_plan
+from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
 
@@ -239,7 +239,7 @@ class _Stream:
         settings = ExecutorSettings(
             patience=robot.patience, dead_zone_rad_s=robot.robot.limits.wheel_speed_min_rad_s
         )
-        controller = plan_controller(self.plan, robot.camera, settings, ThinkAside(find_plan))
+        controller = plan_controller(self.plan, robot.camera, settings, ThinkAside(plan_again))
         return run_controller(robot, controller, self._tell)
 
     def _check_place(self, frames: Array, patience: Patience) -> None:

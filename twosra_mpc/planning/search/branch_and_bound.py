@@ -102,6 +102,8 @@ def branch_and_bound(
     look: Callable[[], tuple[float, Solution] | None] = lambda: None,
     proved: Callable[[float], float] = lambda bound: bound,
     confirm: Callable[[SearchResult[Solution]], SearchResult[Solution] | None] = lambda made: made,
+    worth: float = 0.0,
+    known: float = math.inf,
 ) -> SearchResult[Solution]:
     """Search ``tree`` for a leaf within ``gap`` of the least possible cost.
 
@@ -115,11 +117,15 @@ def branch_and_bound(
         proved: What the least bound of the tree proves of all solutions.
         confirm: Makes of an outcome with a solution what is returned; None where that is none
             after all: then the search goes on, with the incumbent before it.
+        worth: What is cheaper by no more than this is not looked for, either.
+        known: Cost of a solution that is known elsewhere, the first incumbent.
 
     Raises:
         ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
-    search = _Search(tree, gap, proved, [look, incumbent])
+    search = _Search(tree, gap, proved, [look, incumbent], worth)
+    if known < math.inf:
+        search.looks, search.incumbents = [], [(known, None)]
     while True:
         found = search.result(_run(search, out_of_time, on_progress))
         confirmed = found if found.solution is None else confirm(found)
@@ -142,7 +148,7 @@ def _run(
                 if search.vain:
                     search.look()
                 on_progress(search.cost, search.lower_bound)
-                if search.closed:
+                if search.enough <= search.lower_bound:
                     break
                 if out_of_time():
                     return Ending.LIMIT
@@ -156,7 +162,7 @@ def _run(
                 raise
     if interrupts.requested:
         return Ending.INTERRUPTED
-    return Ending.CLOSED if search.closed else Ending.EXHAUSTED
+    return Ending.CLOSED if search.enough <= search.lower_bound else Ending.EXHAUSTED
 
 
 def dive(
@@ -219,13 +225,17 @@ class _Search(Generic[Node, Solution]):
         gap: float,
         proved: Callable[[float], float],
         looks: list[Callable[[], tuple[float, Solution] | None]],
+        worth: float,
     ) -> None:
         self.tree, self.gap, self.proved, self.looks = tree, gap, proved, looks
+        self.worth = worth
         self.order = itertools.count()
         root = tree.root()
         self.queue = [self._entry(tree.bound(root), branch=True, node=root)]
         self.kept = math.inf  # least bound of what left the queue without being disproved
-        self.incumbents: list[tuple[float, Solution]] = []  # each cheaper than those before it
+        self.incumbents: list[
+            tuple[float, Solution | None]
+        ] = []  # each cheaper than those before it
         self.first_work = math.inf
         self.bounded = self.solved = self.steps = 0
         self.learnt = False  # whether a bound was tightened, and others may be too
@@ -252,9 +262,10 @@ class _Search(Generic[Node, Solution]):
         return not self.incumbents and self.steps + _TRIED * self.solved > _PATIENCE
 
     @property
-    def closed(self) -> bool:
-        """True if the incumbent is within the gap."""
-        return self.cost - self.lower_bound <= self.gap * self.cost < math.inf
+    def enough(self) -> float:
+        """Lower bound at which the incumbent is good enough; NaN without one."""
+        cost = self.cost
+        return math.nan if cost == math.inf else cost - max(self.gap * cost, self.worth)
 
     def result(self, ending: Ending) -> SearchResult[Solution]:
         """Sum up."""
@@ -343,8 +354,8 @@ class _Search(Generic[Node, Solution]):
             bound = max(bound, self.tree.leaf_bound(entry.node))
         elif found[0] < self.cost:
             self.accept(*found)
-        if not tight and self.cost - bound > self.gap * self.cost:
-            tighter = self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost)
+        if not tight and bound < self.enough:
+            tighter = self.tree.tighter_bound(entry.node, self.enough)
             self.learnt |= tighter > bound
             bound = max(bound, tighter)
             tight = True
