@@ -324,7 +324,7 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_155, 228
 MOST_LINES = 35_800
-MOST_LINES_OF_TESTS = 33_060
+MOST_LINES_OF_TESTS = 33_101  # 41 more for metal that is all but solid or liquid at t = 0
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 66  # paper-1, planned once before; two
 # more than before for starts in any state of the metal: its melt fractions, its stiffness
 

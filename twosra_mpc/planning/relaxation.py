@@ -17,13 +17,11 @@ from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.planning.bounds.rigid_motion import least_time
-from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds
-from twosra_mpc.planning.bounds.stages_bound import StageRelaxation
-from twosra_mpc.planning.search.in_the_way import InTheWay
-from twosra_mpc.planning.search.nodes import Nodes
+from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
+from twosra_mpc.planning.search.nodes import InTheWay, Nodes
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.planning.solver.guess import guess_motion
-from twosra_mpc.planning.stages.placements import Placement, Variant
+from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
@@ -81,6 +79,7 @@ def stage_tree(
 def relaxation(problem: Problem) -> StageRelaxation:
     """Rates, speeds and room of a problem's robot."""
     robot, facts = problem.robot, bending(problem.robot)
+    around = problem.obstacles or problem.objects
     n, limits = robot.coordinates.segments, robot.limits
 
     @lru_cache(1)
@@ -98,7 +97,7 @@ def relaxation(problem: Problem) -> StageRelaxation:
         room=room,
         rate=cache(lambda mode: facts.fastest(mode, (None,) * n)),
         speed_m_s=cache(speed_m_s),
-        soft_travel_m=limits.soft_travel_m if problem.world_at_start.obstacles else math.inf,
+        soft_travel_m=limits.soft_travel_m if around else math.inf,
     )
 
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.schedule import with_durations
-from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way
-from twosra_mpc.planning.bounds.stages_bound import reachable
-from twosra_mpc.planning.search.nodes import Nodes, Stages, Whole
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way, reachable
+from twosra_mpc.planning.search.nodes import Nodes, Whole
 from twosra_mpc.planning.search.to_go import ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name
-from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, resting_s
 
 
 class Past(NamedTuple):
@@ -67,11 +66,14 @@ class SoFar:
     def network(self, over: Whole, last: Mode, durations: Sequence[float]) -> TemporalNetwork:
         """The network of these stages, each of which lasts no less than its least duration."""
         charge(Cost.NETWORK, len(durations))
-        return lasting(
-            self.timing.network(over.joined, last, durations),
-            self.nodes.variants[over.variant],
-            over.sequences,
-        )
+        network, done = self.timing.network(over.joined, last, durations), 0
+        spans = dict[tuple[int, int], float]()
+        stages = self.nodes.variants[over.variant]
+        for stage, sequence in zip(stages, over.sequences, strict=False):
+            begin, done = network.layout.end(done - 1), done + len(sequence)
+            if stage.least_s:
+                spans[begin, network.layout.end(done - 1)] = stage.least_s
+        return replace(network, least=network.least | spans) if spans else network
 
     def _passes(self, over: Whole) -> Past:
         joined = over.joined
@@ -81,7 +83,7 @@ class SoFar:
         if not all(map(math.isfinite, durations)):
             return Past(math.inf, reason="a stage must pass shapes that are forbidden")
         network = self.network(over, joined[-1], [0.0] * len(joined))
-        times = earliest_times(with_durations(network, durations))
+        times = with_durations(network, durations).earliest
         if times is None:
             return Past(math.inf)
         cost = times[network.layout.finish] + self._fixed_cost(network)
@@ -95,8 +97,12 @@ class SoFar:
             return reason
         if not self._bends(over):
             return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
-        if self._stranded(over):
-            return "without a drive it does not come so far"
+        done, stages = len(over.sequences), self.nodes.variants[over.variant]
+        last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
+        if last.distance_m:
+            way = Way().then(over.sequences[since], stages[since])
+            if self.to_go.too_far(last, way):
+                return "without a drive it does not come so far"
         return self.timing.refusal(over.joined, over.joined[-1])
 
     def _bends(self, over: Whole) -> bool:
@@ -109,14 +115,6 @@ class SoFar:
         if key not in self._bending:
             self._bending[key] = reachable([stage.change for stage in stages], modes)
         return self._bending[key]
-
-    def _stranded(self, over: Whole) -> bool:
-        """True if the last stage is too far away for blocks alone, and there is no drive."""
-        done, stages = len(over.sequences), self.nodes.variants[over.variant]
-        last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
-        if not last.distance_m:
-            return False
-        return self.to_go.too_far(last, Way().then(over.sequences[since], stages[since]))
 
     # --- The stage that is open
 
@@ -140,7 +138,7 @@ class SoFar:
         onward = self._onward(stage, whole[-1], frozenset(missing))
         if onward is not None:
             network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
-            times = earliest_times(_timed(network, durations))
+            times = with_durations(network, durations).earliest
             assert times is not None, "what is not refused has a schedule"
             return times[network.layout.finish] + self._fixed_cost(network) + onward
         network = self._settling(stage, whole)
@@ -199,31 +197,8 @@ def _least_time(
     Completions of a node append phases. Those before the melt of a segment that was solid so
     far delay it, and the freeze after it; the other segment has to freeze in any case.
     """
-    times = earliest_times(_timed(network, durations))
+    times = with_durations(network, durations).earliest
     if times is None:
         return math.inf
     least = times[network.layout.finish]
     return max(least, motion_s + resting_s(network)) if motion_s else least
-
-
-def _timed(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:
-    """The network with least durations of its first phases."""
-    return with_durations(network, durations) if any(durations) else network
-
-
-def lasting(
-    network: TemporalNetwork, stages: Stages, sequences: Sequence[ModeSequence]
-) -> TemporalNetwork:
-    """The network with the least durations of stages."""
-    spans = dict(_spans(network, stages, sequences))
-    return replace(network, least=network.least | spans) if spans else network
-
-
-def _spans(
-    network: TemporalNetwork, stages: Stages, sequences: Sequence[ModeSequence]
-) -> Iterator[tuple[tuple[int, int], float]]:
-    done = 0
-    for stage, sequence in zip(stages, sequences, strict=False):
-        begin, done = network.layout.end(done - 1), done + len(sequence)
-        if stage.least_s:
-            yield (begin, network.layout.end(done - 1)), stage.least_s

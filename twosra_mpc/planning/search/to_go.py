@@ -19,7 +19,7 @@ from twosra_mpc.planning.bounds.schedule import with_durations
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way
 from twosra_mpc.planning.search.nodes import Stages
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
-from twosra_mpc.timing import TransitionModel, earliest_times
+from twosra_mpc.timing import TransitionModel
 
 _LATE_S = 1e6  # later than anything that happens before a stage
 
@@ -120,7 +120,7 @@ class Alone:
         network = self.timing.network(whole, settled or sequence[-1], [0.0] * len(whole))
         begin = network.layout.origin, network.layout.end(len(before) - 1)
         late = replace(network, least={**network.least, begin: _LATE_S})
-        times = earliest_times(with_durations(late, lasting))
+        times = with_durations(late, lasting).earliest
         if times is None:
             return math.inf
         return times[network.layout.finish] - _LATE_S
