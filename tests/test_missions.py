@@ -24,7 +24,7 @@ from twosra_mpc.planning.bounds.schedule import with_durations
 from twosra_mpc.planning.relaxation import stage_bounds, stage_tree
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.nodes import Node
-from twosra_mpc.planning.search.to_go import Alone
+from twosra_mpc.planning.search.stage_costs import Alone
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
 from twosra_mpc.planning.solver.sequence_solver import Solved as Made

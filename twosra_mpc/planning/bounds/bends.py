@@ -328,12 +328,10 @@ def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
 
 def known_curvatures(sequence: ModeSequence, phase: int, task: BendingTask) -> Known:
     """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
-
-    def known(j: int) -> tuple[float, float] | None:
-        if sequence[phase][j]:
-            return None
-        if not any(mode[j] for mode in sequence[:phase]):
-            return task.start[j], task.start[j]
-        return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
-
-    return tuple(known(j) for j in task.segments)
+    known = list[tuple[float, float] | None]([None] * len(task.change))
+    for j, start in enumerate(task.start):
+        if not any(mode[j] for mode in sequence[: phase + 1]):
+            known[j] = start, start
+        elif not any(mode[j] for mode in sequence[phase:]):
+            known[j] = task.goal[j]
+    return tuple(known)

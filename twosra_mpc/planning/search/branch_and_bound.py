@@ -223,7 +223,9 @@ class _Search(Generic[Node, Solution]):
         self.tree, self.gap, self.proved, self.looks = tree, gap, proved, looks
         self.order = itertools.count()
         root = tree.root()
-        self.queue = [_Entry(tree.bound(root), True, next(self.order), root)]
+        self.queue: list[_Entry[Node, Solution]] = [
+            _Entry(tree.bound(root), True, next(self.order), root)
+        ]
         self.kept = math.inf  # least bound of what left the queue without being disproved
         self.incumbents: list[tuple[float, Solution]] = []  # each cheaper than those before it
         self.first_work = math.inf

@@ -18,9 +18,8 @@ from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
 from twosra_mpc.planning.bounds.stage_bounds import StageRelaxation, Way, stages_bound
-from twosra_mpc.planning.search.nodes import InTheWay, Node, Nodes, Stages, Whole
-from twosra_mpc.planning.search.so_far import NOTHING_YET, Past, SoFar
-from twosra_mpc.planning.search.to_go import Alone, ToGo
+from twosra_mpc.planning.search.nodes import InTheWay, Node, Nodes, Whole
+from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel
@@ -63,15 +62,12 @@ class Leaves:
         network = self.so_far.network(whole, self.nodes.last(whole), durations)
         return stages_bound(
             network,
-            self._stages(whole),
+            self.nodes.variants[whole.variant],
             whole.sequences,
             self.relaxation,
             self.so_far.weights,
             durations,
         )
-
-    def _stages(self, whole: Whole) -> Stages:
-        return self.nodes.variants[whole.variant]
 
     def tighter(
         self, whole: Whole, drives_s: Sequence[Sequence[float]], bound: float, enough: float
@@ -89,7 +85,11 @@ class Leaves:
             durations = map(max, self.so_far.durations(whole), longer)
             relaxed = self._lasting(whole, list(durations))
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
-        stages, sequences, alone = self._stages(whole), whole.sequences, self.so_far.to_go.alone
+        stages, sequences, alone = (
+            self.nodes.variants[whole.variant],
+            whole.sequences,
+            self.so_far.to_go.alone,
+        )
         later = sum(
             alone.cost(stage, before[-1], sequence)
             for stage, before, sequence in zip(stages[1:], sequences, sequences[1:], strict=False)
@@ -103,7 +103,7 @@ class Leaves:
     ) -> list[float]:
         """Least durations of drives, those of stages that are nothing else with more effort [s]."""
         found = list[float]()
-        triples = zip(self._stages(whole), whole.sequences, drives_s, strict=True)
+        triples = zip(self.nodes.variants[whole.variant], whole.sequences, drives_s, strict=True)
         for stage, sequence, own_s in triples:
             alone = sequence == (stage.rigid,)
             found += [max(*own_s, stage.drive.at_least(enough))] if alone else own_s
@@ -111,7 +111,7 @@ class Leaves:
 
     def _by_motion(self, whole: Whole, drives_s: Sequence[float], enough: float) -> float:
         """Bound of the first stage by parts of what it may do, and by its pose."""
-        stage, sequence = self._stages(whole)[0], whole.sequences[0]
+        stage, sequence = self.nodes.variants[whole.variant][0], whole.sequences[0]
         if (task := stage.bend) is None:
             return -math.inf
         first, timing, weights = whole.sequences[:1], self.so_far.timing, self.so_far.weights
@@ -131,14 +131,14 @@ class Leaves:
 
     def first_is_forbidden(self, whole: Whole) -> bool:
         """True if the bends of the first stage's bound pass a forbidden shape."""
-        task, first = self._stages(whole)[0].bend, whole.sequences[0]
+        task, first = self.nodes.variants[whole.variant][0].bend, whole.sequences[0]
         return task is not None and passes_forbidden(
             first, task, self.bounds[whole].bends[: len(first)]
         )
 
     def bend_otherwise(self, whole: Whole) -> None:
         """Look for other bends of the first stage."""
-        stage, sequence = self._stages(whole)[0], whole.sequences[0]
+        stage, sequence = self.nodes.variants[whole.variant][0], whole.sequences[0]
         assert stage.bend is not None, "only then it is known what they pass"
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
@@ -157,7 +157,7 @@ class Leaves:
 
     def look_at_motion(self, whole: Whole) -> None:
         """Work out how long every plan moves where driving outlasts the metal."""
-        task = self._stages(whole)[0].bend
+        task = self.nodes.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
         if task.pose.known_s > self.bounds[whole].cost:
@@ -168,7 +168,7 @@ class Leaves:
 
         That of the first stage, whose start is known.
         """
-        stage = self._stages(whole)[0]
+        stage = self.nodes.variants[whole.variant][0]
         if self.motion_s is not None or stage.bend is None or len(self.nodes.variants) > 1:
             return False
         self.motion_s = least_motion_s(stage.bend, stage.modes)

@@ -108,7 +108,7 @@ def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:
         (first, states[first, 0, :3], states[first, -1, :3] + by),
         (last, states[last, 0, :3] + by, states[last, -1, :3]),
     ):
-        screw = _screw(_place(end), here, float(end[2] - here[2]))
+        screw = _screw(complex(*end[:2]), here, float(end[2] - here[2]))
         inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
 
@@ -125,7 +125,7 @@ def swerved(motion: Motion, turn_rad: float) -> Motion:
     inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
     poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
     for k, (here, end) in enumerate(itertools.pairwise(poses)):
-        inputs[first, k, 2:] = _screw(_place(end), here, float(end[2] - here[2]))
+        inputs[first, k, 2:] = _screw(complex(*end[:2]), here, float(end[2] - here[2]))
     return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
 
 
@@ -272,19 +272,17 @@ def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
     here, end = before[:3], after[:3]
     wanted = goal.aim(after)[:3]
     turn = float(wanted[2] - end[2])
-    carried = _place(wanted) + cmath.rect(1.0, turn) * (_place(here) - _place(end))
+    carried = complex(*wanted[:2]) + cmath.rect(1.0, turn) * (
+        complex(*here[:2]) - complex(*end[:2])
+    )
     return np.array([0.0, 0.0, *_screw(carried, here, turn)])
-
-
-def _place(pose: Array) -> complex:
-    return complex(pose[0], pose[1])
 
 
 def _screw(there: complex, here: Array, turn: float) -> tuple[float, float, float]:
     """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) from a pose."""
     half = turn / 2
     along = half / math.tan(half) if abs(half) > 1e-8 else 1 - half**2 / 3
-    moved = (there - _place(here)) * cmath.rect(1.0, -float(here[2])) * complex(along, -half)
+    moved = (there - complex(*here[:2])) * cmath.rect(1.0, -float(here[2])) * complex(along, -half)
     return moved.real, moved.imag, turn
 
 
