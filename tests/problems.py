@@ -13,8 +13,7 @@ from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, sequence_bo
 from twosra_mpc.planning.relaxation import bending_task, stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.stages.placements import Variant
-from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.planning.stages.variants import Variant, Ways
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence

@@ -22,8 +22,7 @@ from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.solver.fixed_sequence import Candidate
-from twosra_mpc.planning.solver.outcome import verified
+from twosra_mpc.planning.solver.fixed_sequence import Candidate, verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.problem.tolerances import forgiven

@@ -14,9 +14,8 @@ from twosra_mpc import Goal, Problem, load_robot, plan
 from twosra_mpc.planning.bounds.bends import least_bends, least_durations, unreachable_reason
 from twosra_mpc.planning.bounds.sequence_bound import pose_bound
 from twosra_mpc.planning.relaxation import bending_task
-from twosra_mpc.planning.solver.fixed_sequence import scheduled, solve
+from twosra_mpc.planning.solver.fixed_sequence import scheduled, solve, verified
 from twosra_mpc.planning.solver.guess import guess_motion
-from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 

@@ -15,7 +15,7 @@ from worlds import ARC_ROBOT, STRAIGHT
 from twosra_mpc import Goal, Obstacle, Tolerance, World, load_problem, plan
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.placer import Placer
-from twosra_mpc.planning.stages.placements import Placement, goals_of
+from twosra_mpc.planning.stages.variants import Placement, goals_of
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, minimize
 
-from twosra_mpc.planning.solver.interior_point import minimum
+from twosra_mpc.planning.solver.gentle import minimum
 
 
 @pytest.mark.parametrize("seed", range(4))

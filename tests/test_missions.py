@@ -24,16 +24,15 @@ from twosra_mpc.planning.bounds.schedule import with_durations
 from twosra_mpc.planning.relaxation import stage_bounds, stage_tree
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.nodes import Node
-from twosra_mpc.planning.search.to_go import Alone
+from twosra_mpc.planning.search.stage_costs import Alone
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
 from twosra_mpc.planning.solver.sequence_solver import Solved as Made
-from twosra_mpc.planning.stages.placements import Variant
-from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.planning.stages.variants import Variant, Ways
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, is_rigid
-from twosra_mpc.timing import earliest_times, transition_model
+from twosra_mpc.timing import transition_model
 
 ROUNDING = 1e-6
 START: dict[str, Any] = {"x_m": -0.15, "y_m": -0.1, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
@@ -214,9 +213,7 @@ def test_after_no_history_does_a_stage_add_less_than_is_counted(values: dict[str
         late_s = rng.choice([1e4, 1e6])
         begin = network.layout.origin, network.layout.end(len(before) - 1)
         late = replace(network, least={**network.least, begin: late_s})
-        times = earliest_times(
-            with_durations(late, [*rng.uniform(0.0, 99.0, len(before)), *lasting])
-        )
+        times = with_durations(late, [*rng.uniform(0.0, 99.0, len(before)), *lasting]).earliest
         assert times is not None
         adds = times[network.layout.finish] - late_s
         assert counted <= adds + 1e-5

@@ -16,7 +16,7 @@ from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.timing import earliest_times, resting_s
+from twosra_mpc.timing import resting_s
 
 V1 = load_robot("2sra-v1")
 FAST = V1.with_values(timing=faster_robot(50.0).timing)
@@ -76,7 +76,7 @@ def test_rest_never_lasts_longer_than_the_plan_nor_less_with_more_phases() -> No
         heads = [(*head, mode) for head in heads for mode in problem.modes if mode != head[-1]]
         for head in heads:
             network = network_of(problem, head)
-            times = earliest_times(network)
+            times = network.earliest
             assert times is not None
             assert resting_s(network) <= times[network.layout.finish] + 1e-9 < math.inf
             assert resting_s(network_of(problem, head[:-1])) <= resting_s(network) + 1e-9

@@ -26,10 +26,10 @@ from twosra_mpc.planning.solver.fixed_sequence import (
     Candidate,
     feasible_schedule,
     scheduled,
+    verified,
 )
 from twosra_mpc.planning.solver.gentle import cheapest
 from twosra_mpc.planning.solver.guess import guess_motion
-from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence

@@ -25,11 +25,10 @@ from twosra_mpc.planning.solver.fixed_sequence import (
     scheduled,
     solve,
     solve_status,
+    verified,
 )
-from twosra_mpc.planning.solver.guess import bent, guess_motion
+from twosra_mpc.planning.solver.guess import TERMINAL_TOLERANCE, bent, correct_end, guess_motion
 from twosra_mpc.planning.solver.multiple_shooting import MOST_ADDED, ipopt, transcribe
-from twosra_mpc.planning.solver.outcome import verified
-from twosra_mpc.planning.solver.terminal_correction import TERMINAL_TOLERANCE, correct_end
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork

@@ -11,7 +11,7 @@ from problems import network_of, random_problem
 from twosra_mpc import Goal, Problem, Start, load_problem
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, schedule
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
+from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
 
 # Constants of the built-in robot: melt 63 s (the last 37 s changing), freeze 253 s (the last 235 s
 # changing). By hand: 298 s = 63 + 253 - 18, 335 s = 63 + 37 + 235.
@@ -39,7 +39,7 @@ DURATIONS = st.lists(st.floats(0.0, 40.0), min_size=6, max_size=6)
 
 
 def earliest(network: TemporalNetwork) -> list[float]:
-    times = earliest_times(network)
+    times = network.earliest
     assert times is not None
     return times
 

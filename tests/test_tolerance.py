@@ -16,9 +16,8 @@ from twosra_mpc.planning.bounds.bends import bend_steps, least_durations
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled
-from twosra_mpc.planning.solver.guess import bends_around, guess_motion
+from twosra_mpc.planning.solver.guess import bends_around, correct_end, guess_motion
 from twosra_mpc.planning.solver.sequence_solver import GoalSolver
-from twosra_mpc.planning.solver.terminal_correction import correct_end
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 NEAR = 9e-7  # 1/m, within what goals may be missed by

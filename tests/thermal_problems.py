@@ -12,7 +12,7 @@ from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.planning.bounds.schedule import schedule
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence, all_modes
 from twosra_mpc.thermal.heating import TemperatureTrajectory
-from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
+from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
 from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal
 from twosra_mpc.timing.transitions import own_transitions
@@ -161,7 +161,7 @@ class History(NamedTuple):
 
 def earliest_finish(network: TemporalNetwork) -> float:
     """End of the plan if its phases took no time."""
-    times = earliest_times(network)
+    times = network.earliest
     assert times is not None
     return times[network.layout.finish]
 

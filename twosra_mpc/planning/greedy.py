@@ -21,9 +21,8 @@ import numpy as np
 from twosra_mpc.effort import Cost, charge, spent
 from twosra_mpc.model.flow import interval_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.solver.fixed_sequence import scheduled
+from twosra_mpc.planning.solver.fixed_sequence import scheduled, verified
 from twosra_mpc.planning.solver.gentle import cheapest
-from twosra_mpc.planning.solver.outcome import verified
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import broken_by_shapes

@@ -28,11 +28,9 @@ from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.solver.fixed_sequence import timed
-from twosra_mpc.planning.solver.outcome import verified
+from twosra_mpc.planning.solver.fixed_sequence import timed, verified
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver, Solved, checked, trusted
-from twosra_mpc.planning.stages.placements import Variant
-from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.planning.stages.variants import Variant, Ways
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
@@ -160,7 +158,8 @@ def _search(
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
     solver: SequenceSolver | Placer = SequenceSolver(variants, checked if inside else trusted)
-    if problem.passes or problem.obstacles or problem.objects:
+    passes = any(stage.through for stage in problem.stages())
+    if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 
         solver = Placer(variants)

@@ -17,13 +17,11 @@ from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.planning.bounds.rigid_motion import least_time
-from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds
-from twosra_mpc.planning.bounds.stages_bound import StageRelaxation
-from twosra_mpc.planning.search.in_the_way import InTheWay
-from twosra_mpc.planning.search.nodes import Nodes
+from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
+from twosra_mpc.planning.search.nodes import InTheWay, Nodes
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.planning.solver.guess import guess_motion
-from twosra_mpc.planning.stages.placements import Placement, Variant
+from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
@@ -36,7 +34,6 @@ from twosra_mpc.problem.limits import (
     rigid_rows_between,
 )
 from twosra_mpc.problem.problem import Alone, Problem, Start
-from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -83,6 +80,7 @@ def stage_tree(
 def relaxation(problem: Problem) -> StageRelaxation:
     """Rates, speeds and room of a problem's robot."""
     robot, facts = problem.robot, bending(problem.robot)
+    around = problem.obstacles or problem.objects
     n, limits = robot.coordinates.segments, robot.limits
 
     @lru_cache(1)
@@ -100,7 +98,7 @@ def relaxation(problem: Problem) -> StageRelaxation:
         room=room,
         rate=cache(lambda mode: facts.fastest(mode, (None,) * n)),
         speed_m_s=cache(speed_m_s),
-        soft_travel_m=limits.soft_travel_m if problem.world_at_start.obstacles else math.inf,
+        soft_travel_m=limits.soft_travel_m if around else math.inf,
     )
 
 
@@ -111,9 +109,10 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
     before, whole = (start, start), (problem.robot, problem.start)
     here = replace(members[0][0], ends=start[None, :POSE], within_m=0.0)
     known, begins, since = before, [here] * len(members), 1
-    found = list[StageBounds]()
+    found, speed_m_s = list[StageBounds](), problem.robot.limits.speed_m_s or math.inf
     for same in zip(*members, strict=True):
         first, asked = same[0], same[0].stage
+        longest = _MOST_TO_ANY if asked.last is None else MOST_PHASES
         boxes = [each.box(before[0]) for each in same]
         after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
         far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, same, strict=True))
@@ -126,13 +125,16 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
                 bend=bend,
                 modes=asked.modes,
                 last=asked.last,
-                most_phases=_most_phases(asked) if several else problem.max_phases,
+                most_phases=longest if several else problem.max_phases,
                 final=len(found) + 1 == len(members[0]),
                 drives_first=first.drives_first,
                 drives_last=first.drives_last,
                 distance_m=0.0 if alone else far_m,
                 since=since,
-                drive=_drive(problem, alone, far_m if since == 1 else 0.0),
+                drive=Drive(
+                    far_m / speed_m_s if since == 1 else 0.0,
+                    partial(rigid_time, alone) if alone else None,
+                ),
                 least_s=asked.least_s,
                 reshapes=first.reshapes,
             )
@@ -141,17 +143,6 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
         if np.isfinite([end[:2] for end in after]).all():
             known, begins, since = after, list(same), 1
     return tuple(found)
-
-
-def _most_phases(stage: Stage) -> int:
-    """Of the sequences that are opened for one of several stages."""
-    return _MOST_TO_ANY if stage.last is None else MOST_PHASES
-
-
-def _drive(problem: Problem, alone: Alone | None, far_m: float) -> Drive:
-    """Proved least duration of a stage that is nothing but a drive."""
-    least_s = far_m / (problem.robot.limits.speed_m_s or math.inf)
-    return Drive(least_s, partial(rigid_time, alone) if alone is not None else None)
 
 
 def _w(problem: Problem, *ends: Array) -> Array:

@@ -280,6 +280,12 @@ class Goal(GoalSet):
         return np.where(np.isnan(self.configuration), 0.0, outside)
 
 
+def inner_goal(robot: Robot, goal: GoalSet) -> GoalSet:
+    """Part of a goal where plans should end, for the sake of their runs."""
+    accuracy = robot.accuracy
+    return goal.loosened(-accuracy.planned(robot.coordinates)) if accuracy else goal
+
+
 def read_only(values: list[float]) -> Array:
     """An array of these values that cannot be written to."""
     array = np.array(values, dtype=float)

@@ -26,7 +26,7 @@ from twosra_mpc.errors import MISSING, InputError, doubt
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts
 from twosra_mpc.problem.geojson import read_obstacles
-from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, inner_goal, read_only
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.stages import Stage, stages_of
 from twosra_mpc.problem.tasks import Pass, Task, passes, task_problems
@@ -367,7 +367,7 @@ class Problem(Value):
         times = self.robot.timing.get(self.timing)
         return times is not None and times.needs_segment
 
-    @property
+    @cached_property
     def ambient(self) -> float:
         """Temperature of the air [C]."""
         return self.robot.heater.ambient_C if self.ambient_C is None else self.ambient_C
@@ -462,7 +462,7 @@ class Problem(Value):
         """True if there is more to do than to pass boxes and to reach one goal past obstacles."""
         return bool(self.objects) or any(task.rests for task in self.tasks)
 
-    @property
+    @cached_property
     def ends_anywhere(self) -> bool:
         """True if the last task says where it ends, soft or rigid, and there is no goal."""
         return isinstance(self.goal, Anywhere)
@@ -472,13 +472,18 @@ class Problem(Value):
         """The boxes to pass."""
         return tuple(passes(self.tasks).values())
 
+    @cached_property
+    def inner_goal(self) -> GoalSet:
+        """Part of the goal where plans should end, for the sake of their runs."""
+        return inner_goal(self.robot, self.goal)
+
     @property
     def judged_goal(self) -> GoalSet:
         """Goal set by which runs are judged: the goal less the robot's accuracy, which is added."""
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
 
-    @property
+    @cached_property
     def start_mode(self) -> Mode:
         """Mode at t = 0: what is liquid is soft."""
         return tuple(int(soft == 1) for soft in self.start_stiffness)
@@ -488,7 +493,7 @@ class Problem(Value):
         """Stiffness at t = 0: 1 where a segment is liquid, 0 where solid, None where changing."""
         return tuple({0.0: 0, 1.0: 1}.get(share) for share in self.melt_fractions)
 
-    @property
+    @cached_property
     def drives_gently(self) -> bool:
         """True if time to spare is used to drive slowly: a robot that may jump needs none.
 
@@ -497,7 +502,7 @@ class Problem(Value):
         limited = self.robot.limits.wheel_acceleration_rad_s2 is not None
         return self.motion == "gentle" and limited and self.weights.effort == 0
 
-    @property
+    @cached_property
     def cost_weights(self) -> Weights:
         """The weights, with energy before time where ``heating`` asks for it."""
         if self.heating != "least_energy":
@@ -505,7 +510,7 @@ class Problem(Value):
         energy = max(self.weights.energy_s_per_J, _LEAST_ENERGY_S_PER_J)
         return self.weights.with_values(energy_s_per_J=energy)
 
-    @property
+    @cached_property
     def transition_times(self) -> Timing:
         """The set of transition times that ``timing`` names."""
         return self.robot.timing[self.timing]

@@ -171,7 +171,7 @@ class Robot(Value):
         """Every mode of stiffness, the rigid one first."""
         return all_modes(self.geometry.segments)
 
-    @property
+    @cached_property
     def rigid(self) -> Mode:
         """The mode in which every segment is solid."""
         return rigid_mode(self.geometry.segments)

@@ -57,7 +57,7 @@ class TemperatureTrajectory:
 
     def state_at(self, time_s: float) -> State:
         """State of the segment."""
-        piece = self._piece(time_s)
+        piece = self.pieces[max(0, bisect_right(self._starts, time_s) - 1)]
         return self._since(piece, max(0.0, time_s - piece.start_s))
 
     def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
@@ -106,9 +106,6 @@ class TemperatureTrajectory:
     @cached_property
     def _starts(self) -> list[float]:
         return [piece.start_s for piece in self.pieces]
-
-    def _piece(self, time_s: float) -> Piece:
-        return self.pieces[max(0, bisect_right(self._starts, time_s) - 1)]
 
     def _numbers(self, t: Array) -> NDArray[np.intp]:
         """Number of the piece that each time is in."""

@@ -3,7 +3,6 @@
 from twosra_mpc.timing import overlapped, sequential, thermal  # noqa: F401  # they register
 from twosra_mpc.timing.network import EventLayout as EventLayout
 from twosra_mpc.timing.network import TemporalNetwork as TemporalNetwork
-from twosra_mpc.timing.network import earliest_times as earliest_times
 from twosra_mpc.timing.network import latest_times as latest_times
 from twosra_mpc.timing.network import resting_s as resting_s
 from twosra_mpc.timing.transitions import SegmentHeating as SegmentHeating

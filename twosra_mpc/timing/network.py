@@ -27,7 +27,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, Stiffness, mode_name
@@ -40,17 +40,17 @@ class EventLayout:
     phases: int
     segments: int
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of events, the origin included."""
         return 2 * self.phases + self.segments * (self.phases + 1) + 2
 
-    @property
+    @cached_property
     def finish(self) -> int:
         """The end of the plan."""
         return self.count - 2
 
-    @property
+    @cached_property
     def origin(self) -> int:
         """Time zero."""
         return self.count - 1
@@ -94,6 +94,9 @@ class EventLayout:
                     yield from ((self.onset(earlier, other), onset) for other in others)
                     if earlier < gap:
                         yield self.onset(earlier, segment), onset
+
+
+event_layout = lru_cache(256)(EventLayout)  # the same one for sequences of the same length
 
 
 class Hold(NamedTuple):
@@ -149,32 +152,25 @@ class TemporalNetwork:
     @cached_property
     def layout(self) -> EventLayout:
         """Numbering of the events."""
-        return EventLayout(len(self.sequence), len(self.last))
+        return event_layout(len(self.sequence), len(self.last))
 
     @cached_property
     def earliest(self) -> tuple[float, ...] | None:
-        """Earliest time of every event [s]; None if the constraints contradict each other."""
+        """Earliest time of every event [s]: longest paths from the origin.
+
+        None if the constraints contradict each other.
+        """
         constraints = [(u, v, least) for (u, v), least in self.least.items()]
         times = _raised([0.0] * self.layout.count, constraints)
         return None if times is None else tuple(times)
 
-    @property
-    def melt_onsets(self) -> list[int]:
-        """Events at which melts begin that heaters may delay."""
-        return [self.layout.onset_of(event) for event in self.events if event.to == "soft"]
-
-    @property
-    def freeze_onsets(self) -> list[int]:
-        """Events at which freezes begin."""
-        return [self.layout.onset_of(event) for event in self.events if event.to == "rigid"]
-
-
-def earliest_times(network: TemporalNetwork) -> tuple[float, ...] | None:
-    """Earliest time of every event: longest paths from the origin [s].
-
-    None if the constraints contradict each other.
-    """
-    return network.earliest
+    @cached_property
+    def onsets(self) -> dict[Stiffness, list[int]]:
+        """Events at which melts and freezes begin that heaters may delay."""
+        found: dict[Stiffness, list[int]] = {"soft": [], "rigid": []}
+        for event in self.events:
+            found[event.to].append(self.layout.onset_of(event))
+        return found
 
 
 def longest_paths(network: TemporalNetwork, since: int) -> list[float]:

@@ -33,7 +33,6 @@ from twosra_mpc.timing.network import (
     EventLayout,
     Hold,
     TemporalNetwork,
-    earliest_times,
     events_of,
     handovers,
     longest_paths,
@@ -127,7 +126,7 @@ class ThermalStart:
             if cycle.is_known:
                 continue
             so_far = _lasting(replace(network, least=least), least_durations)
-            if (times := earliest_times(so_far)) is None:
+            if (times := so_far.earliest) is None:
                 continue
             onset, begin = layout.onset_of(event), layout.start(event.gap)
             done_s = 0.0
@@ -147,7 +146,7 @@ class ThermalStart:
     ) -> TemporalNetwork:
         """Return the network with how much longer first freezes take the earlier they begin."""
         lasting = _lasting(network, least_durations)
-        if (times := earliest_times(lasting)) is None:
+        if (times := lasting.earliest) is None:
             return network
         layout, found = network.layout, list[Delay]()
         for melt, freeze in itertools.pairwise(network.events):

@@ -33,8 +33,8 @@ from twosra_mpc import Problem, Robot
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.solver.fixed_sequence import SolveStatus, solve_status
+from twosra_mpc.planning.solver.guess import available_inputs
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
-from twosra_mpc.planning.solver.terminal_correction import available_inputs
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.validation import Positive, Value
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem
 from twosra_mpc.model.flow import Motion
-from twosra_mpc.planning.solver.fixed_sequence import Candidate, scheduled, solve
+from twosra_mpc.planning.solver.fixed_sequence import Candidate, scheduled, solve, verified
+from twosra_mpc.planning.solver.guess import available_inputs
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE
-from twosra_mpc.planning.solver.outcome import verified
-from twosra_mpc.planning.solver.terminal_correction import available_inputs
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model

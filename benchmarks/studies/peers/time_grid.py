@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from benchmarks.studies.peers import motions
 from twosra_mpc import Problem, Robot
 from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.planning.solver.guess import available_inputs
 from twosra_mpc.planning.solver.multiple_shooting import state_scale
-from twosra_mpc.planning.solver.terminal_correction import available_inputs
 from twosra_mpc.problem import limits
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
-from twosra_mpc.timing import earliest_times, transition_model
+from twosra_mpc.timing import transition_model
 
 Array = NDArray[np.float64]
 Block = tuple[ca.MX, float, float]  # constraints with one lower and one upper bound
@@ -135,7 +135,7 @@ def waits(problem: Problem) -> Array:
     def events(*sequence: Mode, last: Mode) -> tuple[float, float, float]:
         """Start of the first and of the last phase, and the finish, if motion took no time."""
         network = model.network(sequence, last, [0.0] * len(sequence))
-        times, layout = earliest_times(network), network.layout
+        times, layout = network.earliest, network.layout
         if times is None:
             raise ValueError("the transitions of a single melt contradict each other")
         return times[layout.start(0)], times[layout.start(layout.phases - 1)], times[layout.finish]

@@ -272,31 +272,18 @@ def bend_steps(
             task.room[j] if any(later[j] for later in sequence[i + 1 :]) else task.change[j]
             for j in task.segments
         ]
-        beyond = (j for j in task.segments if _misses(reached[j], task, task.room[j], j))
-        misses = any(_misses(reached[j], task, outermost[j], j) for j in task.segments)
-        after = tuple(
-            (
-                _clipped(low, w + change[0], w + change[1]),
-                _clipped(high, w + change[0], w + change[1]),
-            )
-            for (low, high), w, change in zip(reached, task.origin, outermost, strict=True)
-        )
-        possible = not misses and not (any(mode) and task.shapeless(after))
-        steps.append(BendStep(mode, here, least, most, possible, next(beyond, None)))
-        here = after
+        missed, beyond, after = False, None, list[tuple[float, float]]()
+        for j, ((low, high), w) in enumerate(zip(reached, task.origin, strict=True)):
+            (under, over), (least_w, most_w), by = task.room[j], outermost[j], task.within[j]
+            if beyond is None and (low - w > over + by or high - w < under - by):
+                beyond = j
+            missed |= low - w > most_w + by or high - w < least_w - by
+            ends = min(max(low, w + least_w), w + most_w), min(max(high, w + least_w), w + most_w)
+            after.append(ends)
+        possible = not missed and not (any(mode) and task.shapeless(tuple(after)))
+        steps.append(BendStep(mode, here, least, most, possible, beyond))
+        here = tuple(after)
     return tuple(steps)
-
-
-def _clipped(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
-
-
-def _misses(
-    bounds: tuple[float, float], task: BendingTask, change: tuple[float, float], segment: int
-) -> bool:
-    """True if no W within bounds is one that a segment (from 0) may change to."""
-    (least, most), w, slack = bounds, task.origin[segment], task.within[segment]
-    return least - w > change[1] + slack or most - w < change[0] - slack
 
 
 @remembered(64)
@@ -341,12 +328,10 @@ def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
 
 def known_curvatures(sequence: ModeSequence, phase: int, task: BendingTask) -> Known:
     """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
-
-    def known(j: int) -> tuple[float, float] | None:
-        if sequence[phase][j]:
-            return None
-        if not any(mode[j] for mode in sequence[:phase]):
-            return task.start[j], task.start[j]
-        return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
-
-    return tuple(known(j) for j in task.segments)
+    known = list[tuple[float, float] | None]([None] * len(task.change))
+    for j, start in enumerate(task.start):
+        if not any(mode[j] for mode in sequence[: phase + 1]):
+            known[j] = start, start
+        elif not any(mode[j] for mode in sequence[phase:]):
+            known[j] = task.goal[j]
+    return tuple(known)

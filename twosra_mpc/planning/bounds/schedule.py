@@ -11,7 +11,7 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.timing import TemporalNetwork, earliest_times, latest_times
+from twosra_mpc.timing import TemporalNetwork, latest_times
 
 
 def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
@@ -27,7 +27,9 @@ def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array
 
 
 def with_durations(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:
-    """Return the network with these least durations of its phases [s]."""
+    """Return the network with these least durations of its first phases [s]."""
+    if not any(durations):
+        return network
     layout, least = network.layout, dict(network.least)
     for i, duration in enumerate(durations):
         least[layout.start(i), layout.end(i)] = float(duration)
@@ -53,13 +55,13 @@ def _late_heating(network: TemporalNetwork) -> Array | None:
     Every freeze takes its least time and every melt its latest with all freezes there, so no
     schedule with this finish holds a segment liquid for less.
     """
-    earliest = earliest_times(network)
+    earliest = network.earliest
     if earliest is None:
         return None
-    fixed = (network.layout.finish, *network.freeze_onsets)
+    fixed = (network.layout.finish, *network.onsets["rigid"])
     latest = latest_times(network, {event: earliest[event] for event in fixed})
-    late = {(network.layout.origin, event): latest[event] for event in network.melt_onsets}
-    early = earliest_times(replace(network, least=network.least | late))
+    late = {(network.layout.origin, event): latest[event] for event in network.onsets["soft"]}
+    early = replace(network, least=network.least | late).earliest
     return None if early is None else np.array(early)
 
 
@@ -70,8 +72,8 @@ def _cheapest(network: TemporalNetwork, weights: Weights) -> Array | None:
         matrix[row, u] += 1.0
         matrix[row, v] -= 1.0
     objective, _ = cost_coefficients(network, weights)
-    objective[list(network.freeze_onsets)] += 1e-5
-    objective[list(network.melt_onsets)] -= 1e-5
+    objective[network.onsets["rigid"]] += 1e-5
+    objective[network.onsets["soft"]] -= 1e-5
     for i in range(network.layout.phases):
         objective[network.layout.start(i)] += 1e-7
         objective[network.layout.end(i)] += 1e-7

@@ -48,7 +48,7 @@ from twosra_mpc.planning.bounds.schedule import cost_coefficients, with_duration
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
-from twosra_mpc.timing import TemporalNetwork, earliest_times
+from twosra_mpc.timing import TemporalNetwork
 
 _TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 
@@ -108,7 +108,7 @@ def longest_path_bound(
     """
     if not all(map(math.isfinite, least_durations)):
         return None
-    times = earliest_times(with_durations(network, least_durations))
+    times = with_durations(network, least_durations).earliest
     if times is None:
         return None
     _, constant = cost_coefficients(network, weights)
@@ -140,7 +140,7 @@ def pose_bound(
         return -math.inf if bound is None else bound.cost
 
     timed = with_durations(network, least_durations)
-    times = earliest_times(timed) or [0.0] * network.layout.count
+    times = timed.earliest or [0.0] * network.layout.count
     # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
     whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
     least = timed.least | whole

@@ -231,7 +231,9 @@ class _Search(Generic[Node, Solution]):
         self.worth = worth
         self.order = itertools.count()
         root = tree.root()
-        self.queue = [self._entry(tree.bound(root), branch=True, node=root)]
+        self.queue: list[_Entry[Node, Solution]] = [
+            _Entry(tree.bound(root), True, next(self.order), root)
+        ]
         self.kept = math.inf  # least bound of what left the queue without being disproved
         self.incumbents: list[
             tuple[float, Solution | None]
@@ -313,23 +315,21 @@ class _Search(Generic[Node, Solution]):
         fresh = (each for each in self.queue if each.attempts is None and not each.done)
         return min((each for each in fresh if each.bound <= most), default=first)
 
-    def _entry(self, bound: float, *, branch: bool, node: Node) -> _Entry[Node, Solution]:
-        return _Entry(bound, branch, next(self.order), node)
-
     def _branch(self, entry: _Entry[Node, Solution]) -> None:
         """Put the node's own leaf and its children in its place."""
         tree, node, opened = self.tree, entry.node, list[_Entry[Node, Solution]]()
         kept, leaf_bound = self.kept, tree.leaf_bound(node)
         if math.isfinite(leaf_bound):
             self.bounded += 1
-            opened.append(self._entry(max(leaf_bound, entry.bound), branch=False, node=node))
+            bound = max(leaf_bound, entry.bound)
+            opened.append(_Entry(bound, False, next(self.order), node))
         for child in tree.children(node):
             if (bound := max(tree.bound(child), entry.bound)) == math.inf:
                 continue
             if tree.too_deep(child):
                 kept = min(kept, bound)
             else:
-                opened.append(self._entry(bound, branch=True, node=child))
+                opened.append(_Entry(bound, True, next(self.order), child))
         for one in opened:
             heapq.heappush(self.queue, one)
         self.kept = kept

@@ -122,3 +122,20 @@ class Nodes:
     def last(self, whole: Whole) -> Mode:
         """Stiffness at the end of a sequence of every stage."""
         return self.variants[whole.variant][-1].settled(whole.sequences[-1])
+
+
+class InTheWay:
+    """Obstacles in the robot's way in a stage: in free space, none."""
+
+    def blocks(self, sequence: ModeSequence | None) -> str | None:
+        """Reason why a stage's sequence, or any if None, cannot be carried out, if known."""
+        del sequence
+        return None
+
+    def proves_impossible(self, sequence: ModeSequence) -> bool:
+        """True if a sequence is proved impossible, by what is known or is worked out now."""
+        return self.blocks(sequence) is not None
+
+    def least_drives_s(self, sequence: ModeSequence) -> Sequence[float]:
+        """Proved least duration of each phase of a sequence, for the ways to go [s]."""
+        return [0.0] * len(sequence)

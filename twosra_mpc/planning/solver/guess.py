@@ -13,19 +13,24 @@ import itertools
 import math
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
+from numpy.linalg import norm
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import Motion, bending_step, drive, passed, roll_out
+from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.flow import Motion, bending_step, drive, interval_flow, passed, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
+from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, rotation
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
 _STRAYING_M = 2e-3  # out of a workspace between nodes
@@ -103,7 +108,7 @@ def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:
         (first, states[first, 0, :3], states[first, -1, :3] + by),
         (last, states[last, 0, :3] + by, states[last, -1, :3]),
     ):
-        screw = _screw(_place(end), here, float(end[2] - here[2]))
+        screw = _screw(complex(*end[:2]), here, float(end[2] - here[2]))
         inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
 
@@ -120,7 +125,7 @@ def swerved(motion: Motion, turn_rad: float) -> Motion:
     inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
     poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
     for k, (here, end) in enumerate(itertools.pairwise(poses)):
-        inputs[first, k, 2:] = _screw(_place(end), here, float(end[2] - here[2]))
+        inputs[first, k, 2:] = _screw(complex(*end[:2]), here, float(end[2] - here[2]))
     return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
 
 
@@ -174,12 +179,6 @@ def bend_changes(problem: Problem, *goals: GoalSet) -> Array:
     w = bending(problem.robot).coordinates(shapes)
     changes: Array = (w[1:] - w[0]).reshape(len(goals), 2, -1)
     return changes
-
-
-def inner_goal(robot: Robot, goal: GoalSet) -> GoalSet:
-    """Part of a goal where plans should end, for the sake of their runs."""
-    accuracy = robot.accuracy
-    return goal.loosened(-accuracy.planned(robot.coordinates)) if accuracy else goal
 
 
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:
@@ -273,17 +272,103 @@ def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
     here, end = before[:3], after[:3]
     wanted = goal.aim(after)[:3]
     turn = float(wanted[2] - end[2])
-    carried = _place(wanted) + cmath.rect(1.0, turn) * (_place(here) - _place(end))
+    carried = complex(*wanted[:2]) + cmath.rect(1.0, turn) * (
+        complex(*here[:2]) - complex(*end[:2])
+    )
     return np.array([0.0, 0.0, *_screw(carried, here, turn)])
-
-
-def _place(pose: Array) -> complex:
-    return complex(pose[0], pose[1])
 
 
 def _screw(there: complex, here: Array, turn: float) -> tuple[float, float, float]:
     """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) from a pose."""
     half = turn / 2
     along = half / math.tan(half) if abs(half) > 1e-8 else 1 - half**2 / 3
-    moved = (there - _place(here)) * cmath.rect(1.0, -float(here[2])) * complex(along, -half)
+    moved = (there - complex(*here[:2])) * cmath.rect(1.0, -float(here[2])) * complex(along, -half)
     return moved.real, moved.imag, turn
+
+
+TERMINAL_TOLERANCE = 1e-3 * GOAL_TOLERANCE  # largest error at the goal that can be corrected
+_ITERATIONS = 12
+_COARSE_STEPS = 2
+_REMOVED = 1e-6  # share of the error that a correction of whole phases may leave
+_DEARER = 2.0  # times larger such a correction may be than one of single intervals
+
+
+def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
+    """Correct a motion until it ends in the goal to within 1e-9, or return None.
+
+    Simplified Newton: the residual comes from the fine roll-out, the derivative from the coarse
+    flow of the transcription, and of all corrections the least one, in each interval's own scale,
+    is taken.
+
+    Where that cannot be, because no phase of it can change what is missing, the goal is met to
+    within `GOAL_TOLERANCE`.
+
+    Raises nothing: a motion that cannot be corrected is an outcome, not an error.
+    """
+    start = motion.states[0, 0]
+    for _ in range(_ITERATIONS):
+        error = goal.error(motion.end.copy())
+        if np.abs(error).max() <= TERMINAL_TOLERANCE:
+            return motion
+        if not np.isfinite(error).all():
+            return None
+        try:
+            step = _least_correction(motion, error)
+        except np.linalg.LinAlgError:  # LAPACK did not converge
+            break
+        if step is None:
+            break
+        motion = roll_out(motion.robot, start, motion.sequence, motion.inputs - step)
+    return motion if goal.met_at(motion.end) else None
+
+
+def _least_correction(motion: Motion, error: Array) -> Array | None:
+    """Input change of least weighted norm that removes ``error`` to first order.
+
+    None where it has run away: LAPACK does not come back from numbers that are not finite.
+
+    All intervals of a phase change alike where that is enough: then a phase that goes straight
+    still does, and nothing makes its wheel speeds jump.
+    """
+    phases, intervals, _ = motion.inputs.shape
+    modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0)
+    flat = motion.inputs.reshape(-1, INPUTS).T
+    derivative = _terminal_jacobian(motion.robot, phases * intervals)
+    scale = state_scale(motion.robot)
+    with np.errstate(over="ignore", invalid="ignore"):
+        gradient = derivative(motion.states[0, 0], flat, modes.T).full() / scale[:, None]
+    if not np.isfinite(gradient).all():
+        return None
+    size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
+    resting = size.sum(axis=1) == 0.0  # used only as far as the moving phases cannot help
+    size[resting] = 1e-9 * max(float(size.max()), 1e-6)
+    weight = np.repeat(size.ravel(), INPUTS)
+    weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(
+        motion.sequence, intervals
+    )
+    weighted, wanted = gradient * weight, error / scale
+    alike = weighted.reshape(-1, phases, intervals, INPUTS).sum(axis=2)
+    joint, *_ = np.linalg.lstsq(alike.reshape(len(scale), -1), wanted, rcond=1e-12)
+    step, *_ = np.linalg.lstsq(weighted, wanted, rcond=1e-12)
+    uniform = np.repeat(joint.reshape(phases, 1, INPUTS), intervals, axis=1).ravel()
+    left = np.abs(weighted @ uniform - wanted).max()
+    if left <= _REMOVED * np.abs(wanted).max() and norm(uniform) <= _DEARER * norm(step):
+        step = uniform
+    return np.asarray(weight * step).reshape(motion.inputs.shape)
+
+
+def available_inputs(sequence: ModeSequence, intervals: int) -> Array:
+    """1 for every input a phase's mode has, 0 for the others, flat over (phases, intervals, 5)."""
+    soft = np.array([any(mode) for mode in sequence])[:, None]
+    mask = np.where(soft, [1.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0, 1.0])
+    return np.repeat(mask, intervals, axis=0).ravel()
+
+
+@per_body(8)
+def _terminal_jacobian(body: Body, intervals: int) -> ca.Function:
+    """(q0, s and sigma of all intervals) -> d q_end / d s, (3 + n) x (5 intervals)."""
+    segments = body.geometry.segments
+    q, s = ca.MX.sym("q", POSE + segments), ca.MX.sym("s", INPUTS, intervals)
+    sigma = ca.MX.sym("sigma", segments, intervals)
+    end = interval_flow(body, _COARSE_STEPS).fold(intervals)(q, s, sigma)
+    return ca.Function("terminal_jacobian", [q, s, sigma], [ca.jacobian(end, s)])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.planning.solver.block import Block, Shares, Sweep, block
 from twosra_mpc.planning.solver.stations import HIDDEN_S, Chain, Stations, around, between, chains
-from twosra_mpc.planning.stages.placements import Placement
+from twosra_mpc.planning.stages.variants import Placement
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass

@@ -15,12 +15,12 @@ from twosra_mpc.planning.bounds.schedule import with_durations
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, timed
+from twosra_mpc.planning.solver.guess import correct_end
 from twosra_mpc.planning.solver.itinerary import Itinerary
 from twosra_mpc.planning.solver.sequence_solver import Solved, checked
 from twosra_mpc.planning.solver.stage_bends import shapes, stage_bends
-from twosra_mpc.planning.solver.terminal_correction import correct_end
 from twosra_mpc.planning.stages.necessity import necessities
-from twosra_mpc.planning.stages.placements import Placement, Variant, goals_of
+from twosra_mpc.planning.stages.variants import Placement, Variant, goals_of
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
@@ -30,7 +30,7 @@ from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.screws import twists
-from twosra_mpc.timing import TemporalNetwork, earliest_times
+from twosra_mpc.timing import TemporalNetwork
 
 Made = tuple[float, Solved] | None  # (cost, plan), or nothing that verifies
 Bends = Sequence[Array]  # change of W in each phase of each stage
@@ -260,7 +260,7 @@ def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
     """Duration that each rigid phase may have without making the plan longer, alone; else 0 [s]."""
 
     def finish(durations: Sequence[float]) -> float:
-        times = earliest_times(with_durations(network, durations))
+        times = with_durations(network, durations).earliest
         return math.inf if times is None else times[network.layout.finish]
 
     count = len(network.sequence)

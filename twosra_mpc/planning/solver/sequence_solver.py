@@ -14,22 +14,28 @@ from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.flow import Motion, joined
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
-from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, scheduled, solve, timed
+from twosra_mpc.planning.solver.fixed_sequence import (
+    INTERVALS,
+    Candidate,
+    cost_s,
+    scheduled,
+    solve,
+    timed,
+    verified,
+)
 from twosra_mpc.planning.solver.gentle import cheapest
 from twosra_mpc.planning.solver.guess import (
     bend_changes,
     bends_around,
+    correct_end,
     guess_motion,
     inner_bends,
-    inner_goal,
     moved_inside,
     swerved,
     turned_to_go,
 )
-from twosra_mpc.planning.solver.outcome import cost_s, verified
 from twosra_mpc.planning.solver.stage_bends import shapes, stage_bends
-from twosra_mpc.planning.solver.terminal_correction import correct_end
-from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GoalSet
@@ -122,8 +128,7 @@ class GoalSolver:
         ((stage,),) = variant.members
         self.problem = problem = variant.reaching(stage)
         self._asked, self._guessed_plan = variant.problem, guessed or checked
-        inner = inner_goal(problem.robot, problem.goal)
-        self._box, self._aim = bend_changes(problem, problem.goal, inner)
+        self._box, self._aim = bend_changes(problem, problem.goal, problem.inner_goal)
         least = np.clip(0.0, *self._box)
         self._nearest = np.array([least, least])  # where a margin does not fit, bending less may
         self.iterations = 0
@@ -153,7 +158,8 @@ class GoalSolver:
         """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
         problem, sequence = self.problem, network.sequence
         inside = inner_bends(sequence, bound.bends, self._box, self._aim)
-        drives = [i for i, usable in enumerate(self._drives(sequence)) if usable]
+        usable = may_drive(problem, sequence)
+        drives = [i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]]
         drive = drives[0] if drives else None
         tried = [self._guessed(network, inside, drive)]
         if tried[0][1] is None:
@@ -188,10 +194,6 @@ class GoalSolver:
         made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
         guess = moved_inside(made, problem)
         return guess, scheduled(guess, network, problem, iterations=0)
-
-    def _drives(self, sequence: ModeSequence) -> list[bool]:
-        usable = may_drive(self.problem, sequence)
-        return [is_rigid(mode) and may for mode, may in zip(sequence, usable, strict=True)]
 
 
 def _end_s(candidate: Candidate | None) -> float:

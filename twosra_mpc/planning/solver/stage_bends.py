@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.solver.guess import inner_bends, inner_goal
-from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.planning.solver.guess import inner_bends
+from twosra_mpc.problem.goals import GoalSet, inner_goal
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence

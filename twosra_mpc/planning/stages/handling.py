@@ -11,9 +11,8 @@ import numpy as np
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.stages.placements import May, Placement
 from twosra_mpc.planning.stages.touch_poses import HEADINGS, Ends, placed, spread
-from twosra_mpc.planning.stages.variants import Hold, State
+from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem

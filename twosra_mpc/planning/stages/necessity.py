@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twosra_mpc.planning.search.in_the_way import InTheWay
-from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.search.nodes import InTheWay
+from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid

@@ -1,0 +1,370 @@
+"""Least costs of stages: of those that are over, of the one that is open, of those to come.
+
+Stages to come add no less than alone, whatever came before: with all segments as warm as they ever
+get, a stage adds the longest path of its sequence from the end of the stage before, with no heating
+to wait for. The cheapest sequence is found by best-first search over its modes: a sequence costs no
+less than what it begins with.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from twosra_mpc.effort import Cost, charge
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way, reachable
+from twosra_mpc.planning.search.nodes import Nodes, Stages, Whole
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, resting_s
+
+_LATE_S = 1e6  # later than anything that happens before a stage
+
+
+class Priced(NamedTuple):
+    """A sequence of a stage and what it adds at least; None: all that are longer than opened."""
+
+    cost: float
+    sequence: ModeSequence | None
+
+
+@dataclass
+class Alone:
+    """Bounds of stages alone, worked out once for all that are alike."""
+
+    timing: TransitionModel
+    _durations: dict[tuple[Hashable, ModeSequence], list[float]] = field(default_factory=dict)
+    _costs: dict[tuple[Hashable, Mode, ModeSequence], float] = field(default_factory=dict)
+    _priced: dict[tuple[Hashable, Mode], tuple[list[Priced], Iterator[Priced]]] = field(
+        default_factory=dict
+    )
+
+    def durations(self, stage: StageBounds, sequence: ModeSequence) -> list[float]:
+        """Least durations of the phases of a sequence [s]."""
+        key = stage.alike, sequence
+        if key not in self._durations:
+            self._durations[key] = stage.durations(sequence)
+        return self._durations[key]
+
+    def cost(self, stage: StageBounds, begins: Mode, sequence: ModeSequence) -> float:
+        """Least that a stage adds with a sequence, whatever came before it."""
+        key = stage.alike, begins, sequence
+        if key not in self._costs:
+            durations, settled = self.durations(stage, sequence), stage.settled(sequence)
+            self._costs[key] = max(
+                stage.least_s, self.from_warm(begins, sequence, durations, settled)
+            )
+        return self._costs[key]
+
+    def cheapest_first(self, stage: StageBounds, begins: Mode) -> Iterator[Priced]:
+        """Yield the sequences of a stage, those that add least first."""
+        key = stage.alike, begins
+        if key not in self._priced:
+            self._priced[key] = [], self._by_cost(stage, begins)
+        known, more = self._priced[key]
+        for number in itertools.count():
+            if number == len(known):
+                if (found := next(more, None)) is None:
+                    return
+                known.append(found)
+            yield known[number]
+
+    def _by_cost(self, stage: StageBounds, begins: Mode) -> Iterator[Priced]:
+        settled = stage.rigid if stage.last == stage.rigid else None  # whatever follows: all freeze
+        numbers = itertools.count()
+        heads = [(0.0, False, next(numbers), stage.opening(begins))]  # and whether it was closed
+        wholes = list[tuple[float, int, ModeSequence]]()
+        while heads:
+            if wholes and wholes[0][0] <= heads[0][0]:
+                cost, _, sequence = heapq.heappop(wholes)
+                yield Priced(cost, sequence)
+                continue
+            least, was_closed, _, head = heapq.heappop(heads)
+            if not was_closed:
+                whole = stage.closed(head, begins)
+                if whole and len(whole) <= stage.most_phases and stage.misfit(whole) is None:
+                    cost = self.cost(stage, begins, whole)
+                    heapq.heappush(wholes, (max(least, cost), next(numbers), whole))
+                heapq.heappush(heads, (least, True, next(numbers), head))
+            elif len(head) == stage.most_phases:
+                yield Priced(least, None)
+                return
+            else:
+                for longer in stage.longer(head, begins):
+                    cost = self.from_warm(begins, longer, [0.0] * len(longer), settled)
+                    heapq.heappush(heads, (max(least, cost), False, next(numbers), longer))
+        yield from (Priced(cost, sequence) for cost, _, sequence in sorted(wholes))
+
+    def from_warm(
+        self,
+        begins: Mode,
+        sequence: ModeSequence,
+        durations: Sequence[float],
+        settled: Mode | None = None,
+    ) -> float:
+        """Longest path of a sequence from its beginning, all segments as warm as can be."""
+        if not sequence or not all(map(math.isfinite, durations)):
+            return 0.0 if not sequence else math.inf
+        rigid = rigid_mode(len(begins))
+        cycles = [
+            (rigid, tuple(int(j == k) for k in range(len(begins)))) for j in range(len(begins))
+        ]
+        before = (*itertools.chain.from_iterable(cycles), rigid)
+        before = before if begins == rigid else (*before, begins)
+        whole = (*before, *sequence)
+        lasting = [*[0.0] * len(before), *durations]
+        charge(Cost.NETWORK, len(whole))
+        network = self.timing.network(whole, settled or sequence[-1], [0.0] * len(whole))
+        begin = network.layout.origin, network.layout.end(len(before) - 1)
+        late = replace(network, least={**network.least, begin: _LATE_S})
+        times = with_durations(late, lasting).earliest
+        if times is None:
+            return math.inf
+        return times[network.layout.finish] - _LATE_S
+
+
+@dataclass
+class ToGo:
+    """Least cost to go: what the last stages of variants add at least.
+
+    Attributes:
+        variants: The stages of every variant.
+        alone: Bounds of stages alone.
+        soft_travel_m: How far b0 comes in a block of soft phases, at most.
+    """
+
+    variants: Sequence[Stages]
+    alone: Alone
+    soft_travel_m: float
+    _known: dict[tuple[int, int, Mode, Way], float] = field(default_factory=dict)
+
+    def after(self, variant: int, done: int) -> float:
+        """Least that the stages from a number on add, whatever the one before does."""
+        if done == len(self.variants[variant]):
+            return 0.0
+        endings = self.variants[variant][done - 1].endings
+        return min(self.least(variant, done, mode, Way(drives=True)) for mode in endings)
+
+    def least(self, variant: int, done: int, begins: Mode, way: Way) -> float:
+        """Least that the stages from a number on add, from a stiffness on.
+
+        ``way`` is what has moved since the last end of a stage whose place is known.
+        """
+        stages = self.variants[variant]
+        if done == len(stages):
+            return 0.0
+        key = (variant, done, begins, way)
+        if key not in self._known:
+            stage, best, later = stages[done], math.inf, self.after(variant, done + 1)
+            known = done + 1 == len(stages) or stages[done + 1].since == 1
+            for cost, sequence in self.alone.cheapest_first(stage, begins):
+                if cost + later >= best:
+                    break
+                if sequence is None:
+                    best = cost + later
+                    break
+                after = way.then([sequence], [stage])
+                if not self.too_far(stage, after):
+                    after = Way() if known else after
+                    best = min(best, cost + self.least(variant, done + 1, sequence[-1], after))
+                if best <= cost + later:
+                    break
+            self._known[key] = best
+        return self._known[key]
+
+    def too_far(self, stage: StageBounds, way: Way) -> bool:
+        """True if blocks alone do not come as far as a stage must, and there is no drive."""
+        by_blocks = way.blocks * self.soft_travel_m if way.blocks else 0.0
+        return not way.drives and stage.distance_m > by_blocks
+
+
+class Past(NamedTuple):
+    """Least cost of the first stages of a variant: infinite where they are proved impossible."""
+
+    cost: float
+    phases: ModeSequence = ()
+    durations: tuple[float, ...] = ()
+    reason: str | None = None
+
+
+NOTHING_YET = Past(0.0)
+
+
+@dataclass
+class SoFar:
+    """Bounds of what comes first in a plan.
+
+    Attributes:
+        nodes: The stages of every variant.
+        timing: The transition model.
+        weights: Weights of the cost.
+        to_go: What stages alone take.
+    """
+
+    nodes: Nodes
+    timing: TransitionModel
+    weights: Weights
+    to_go: ToGo
+    _past: dict[Whole, Past] = field(default_factory=dict)
+    _bending: dict[tuple[int, tuple[ModeSequence, ...]], bool] = field(default_factory=dict)
+    _onwards: dict[tuple[StageBounds, Mode, frozenset[int]], float | None] = field(
+        default_factory=dict
+    )
+
+    # --- Stages that are over
+
+    def past(self, over: Whole) -> Past:
+        """Least cost of the first stages with these sequences."""
+        if over not in self._past:
+            self._past[over] = self._passes(over)
+        return self._past[over]
+
+    def durations(self, over: Whole) -> list[float]:
+        """Least durations of all phases [s]."""
+        pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
+        return [time for pair in pairs for time in self.to_go.alone.durations(*pair)]
+
+    def network(self, over: Whole, last: Mode, durations: Sequence[float]) -> TemporalNetwork:
+        """The network of these stages, each of which lasts no less than its least duration."""
+        charge(Cost.NETWORK, len(durations))
+        network, done = self.timing.network(over.joined, last, durations), 0
+        spans = dict[tuple[int, int], float]()
+        stages = self.nodes.variants[over.variant]
+        for stage, sequence in zip(stages, over.sequences, strict=False):
+            begin, done = network.layout.end(done - 1), done + len(sequence)
+            if stage.least_s:
+                spans[begin, network.layout.end(done - 1)] = stage.least_s
+        return replace(network, least=network.least | spans) if spans else network
+
+    def _passes(self, over: Whole) -> Past:
+        joined = over.joined
+        if (reason := self.impossible(over)) is not None:
+            return Past(math.inf, reason=reason)
+        durations = self.durations(over)
+        if not all(map(math.isfinite, durations)):
+            return Past(math.inf, reason="a stage must pass shapes that are forbidden")
+        network = self.network(over, joined[-1], [0.0] * len(joined))
+        times = with_durations(network, durations).earliest
+        if times is None:
+            return Past(math.inf)
+        cost = times[network.layout.finish] + self._fixed_cost(network)
+        return Past(cost, joined, tuple(durations))
+
+    def impossible(self, over: Whole) -> str | None:
+        """Reason why these sequences cannot be, as far as that is told without times."""
+        pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
+        misfits = (stage.misfit(sequence) for stage, sequence in pairs)
+        if (reason := next(filter(None, misfits), None)) is not None:
+            return reason
+        if not self._bends(over):
+            return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
+        done, stages = len(over.sequences), self.nodes.variants[over.variant]
+        last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
+        if last.distance_m:
+            way = Way().then(over.sequences[since], stages[since])
+            if self.to_go.too_far(last, way):
+                return "without a drive it does not come so far"
+        return self.timing.refusal(over.joined, over.joined[-1])
+
+    def _bends(self, over: Whole) -> bool:
+        """True if the modes can bring about the shapes of the stages."""
+        stages = self.nodes.variants[over.variant][: len(over.sequences)]
+        if all(stage.bend is not None for stage in stages):
+            return True  # else one of them were a misfit
+        modes = tuple(tuple(sorted(set(filter(any, each)))) for each in over.sequences)
+        key = over.variant, modes
+        if key not in self._bending:
+            self._bending[key] = reachable([stage.change for stage in stages], modes)
+        return self._bending[key]
+
+    # --- The stage that is open
+
+    def least(
+        self,
+        stage: StageBounds,
+        whole: ModeSequence,
+        durations: Sequence[float],
+        motion_s: float | None = None,
+    ) -> float:
+        """Transitions alone, of all phases up to those of the stage that is open.
+
+        Args:
+            stage: The stage.
+            whole: All phases so far.
+            durations: Least durations of the first phases [s].
+            motion_s: Least time in which every plan moves [s], where that is known.
+        """
+        so_far = (self.nodes.first, *whole)  # every completion melts what was solid all the time
+        missing = [j for j in stage.must_bend if not any(mode[j] for mode in so_far)]
+        onward = self._onward(stage, whole[-1], frozenset(missing))
+        if onward is not None:
+            network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
+            times = with_durations(network, durations).earliest
+            assert times is not None, "what is not refused has a schedule"
+            return times[network.layout.finish] + self._fixed_cost(network) + onward
+        network = self._settling(stage, whole)
+        least = _least_time(network, durations, motion_s)
+        for j in missing:
+            longer = ((*whole, mode) for mode in stage.modes if mode[j])
+            first = [
+                _least_time(self._settling(stage, each), durations, motion_s)
+                for each in longer
+                if self.timing.refusal(each, stage.rigid) is None
+            ]
+            least = max(least, min(first, default=math.inf))
+        return least + self._least_fixed_cost(stage, network, missing)
+
+    def _onward(self, stage: StageBounds, mode: Mode, missing: frozenset[int]) -> float | None:
+        """Least cost of the melts and freezes on to the end of a stage, if it can be told."""
+        key = (stage, mode, missing)
+        if key not in self._onwards:
+            rigid, timing = stage.rigid, self.timing
+            usable = tuple(m for m in stage.modes if timing.refusal((m,), rigid) is None)
+            found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
+            known = (each for each in found if each is not None)
+            self._onwards[key] = min(known, default=None)
+        return self._onwards[key]
+
+    def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
+        charge(Cost.NETWORK, len(sequence))
+        settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
+        return self.timing.network(sequence, settled, [0.0] * len(sequence))
+
+    def _least_fixed_cost(
+        self, stage: StageBounds, network: TemporalNetwork, missing: list[int]
+    ) -> float:
+        """Cost of the melts and freezes of a node and of those that must still follow."""
+        cost, last = self._fixed_cost(network), stage.last
+        for j in missing:  # no melt of it came before: what it takes is that from t = 0
+            mode = tuple(int(k == j) for k in range(len(stage.change)))
+            melt = self.timing.network((mode,), mode, [0.0])
+            cost += self.weights.energy_s_per_J * melt.melt_energy_J
+            cost += self.weights.transition_s * (1 + (last is not None and last[j] == 0))
+        return cost
+
+    def _fixed_cost(self, network: TemporalNetwork) -> float:
+        """Cost of melts and freezes besides the time they take."""
+        energy = self.weights.energy_s_per_J * network.melt_energy_J
+        return energy + self.weights.transition_s * network.transitions
+
+
+def _least_time(
+    network: TemporalNetwork, durations: Sequence[float], motion_s: float | None
+) -> float:
+    """Duration of the transitions of a sequence, which every completion has to make too.
+
+    And of the motion of every plan, while none of them is on its plateau, if that is known.
+
+    Completions of a node append phases. Those before the melt of a segment that was solid so
+    far delay it, and the freeze after it; the other segment has to freeze in any case.
+    """
+    times = with_durations(network, durations).earliest
+    if times is None:
+        return math.inf
+    least = times[network.layout.finish]
+    return max(least, motion_s + resting_s(network)) if motion_s else least
