@@ -404,13 +404,8 @@ def test_the_closed_loop_names_what_did_not_work(tmp_path: Path) -> None:
     errors = {"position_m": 3e-3, "heading_rad": 0.0, "curvature_per_m": 0.0}
     counts = {"transitions": 3, "allowed": 2, "replans": 1, "corrections": 0}
     told = {"reached": False, "ending": "gave up", "reason": "3 mm too far", "off": True}
-    times = {
-        "time_s": 100.0,
-        "planned_s": 80.0,
-        "over_planned": 1.25,
-        "energy_J": 5.0,
-        "forced_s": 1.0,
-    }
+    times = {"time_s": 100.0, "planned_s": 80.0, "over_planned": 1.25}
+    times |= {"energy_J": 5.0, "forced_s": 1.0}
     log.append(case._asdict(), {**told, **errors, **counts, **times})
     text = write_report(study, log, tmp_path)
     assert "| this package | exact arcs | hard | 0 of 1 | 100 / 100 / 100 | 1.25 / 1.25 |" in text

@@ -50,14 +50,8 @@ ROBOT: Document = tomllib.loads(
     files("twosra_mpc").joinpath("robots", "2sra-v1-paper.toml").read_text(encoding="utf-8")
 )
 ARC = {"model": "arc", "speed_reference": "fibre_end"}
-OVERLAPPED = {
-    "overlap": "full",
-    "melt_s": 60.0,
-    "melt_changing_s": 30.0,
-    "freeze_s": 200.0,
-    "freeze_changing_s": 150.0,
-    "superheat_s": 3.0,
-}
+OVERLAPPED = {"overlap": "full", "melt_s": 60.0, "melt_changing_s": 30.0}
+OVERLAPPED |= {"freeze_s": 200.0, "freeze_changing_s": 150.0, "superheat_s": 3.0}
 WHEELS = [
     {"x_m": -0.08, "y_m": 0.0, "angle_rad": 1.5},
     {"x_m": -0.05, "y_m": 0.03, "angle_rad": 0.0},

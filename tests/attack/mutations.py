@@ -14,17 +14,8 @@ _VALUES = [
     *(b"0.1, 0.2", b'"$\\\\alpha_{"', b'"\\u0007\\u001b[31m"', b"[[[[1]]]]", b"1_000"),
 ]
 _BYTES = [
-    b"\x00",
-    b"\xff",
-    b"\xef\xbb\xbf",
-    b"\x1b[2J",
-    b"\r",
-    b"\n\n",
-    b"=",
-    b"[",
-    b"]",
-    b'"',
-    b",",
+    *(b"\x00", b"\xff", b"\xef\xbb\xbf", b"\x1b[2J", b"\r", b"\n\n"),
+    *(b"=", b"[", b"]", b'"', b","),
 ]
 Mutation = Callable[[random.Random, bytes], bytes]
 
