@@ -324,7 +324,7 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_155, 228
 MOST_LINES = 35_830  # 30 more than before: units of logs are doubted
-MOST_LINES_OF_TESTS = 33_110  # 50 more than before: calls and logs in other units
+MOST_LINES_OF_TESTS = 33_120  # 60 more than before: calls and logs in other units
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 66  # paper-1, planned once before; two
 # more than before for starts in any state of the metal: its melt fractions, its stiffness
 
