@@ -18,6 +18,8 @@ from twosra_mpc.lab.worlds.occupancy_map import feature_collection
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import Obstacle, World
 
+pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
+
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]
 HOLE = [[0.2, 0.2], [0.8, 0.2], [0.8, 0.8], [0.2, 0.8], [0.2, 0.2]]
 

@@ -29,6 +29,8 @@ from twosra_mpc.lab.batch.random_set import RandomSet
 from twosra_mpc.problem.goals import Goal
 from twosra_mpc.robot.fitted_paths import with_path_model
 
+pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
+
 LONGEST = 260  # characters of a message without the list of what is known
 
 SCENARIO = """\

@@ -18,6 +18,8 @@ from twosra_mpc import InputError, InputWarning, read_obstacles
 from twosra_mpc.lab.worlds.occupancy_map import OccupancyMap, obstacles_on, read_map
 from twosra_mpc.problem.world import Obstacle
 
+pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
+
 MAP = """# a map
 image: map.png
 resolution: 0.01

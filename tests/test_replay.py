@@ -23,6 +23,8 @@ from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.fitted_paths import with_path_model
 
+pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
+
 ROBOT = load_robot("2sra-v1")
 TRIAL = "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
 POSES = ",time stamp,LU1 x,LU1 y,LU1 th,LU2 x,LU2 y,LU2 th"

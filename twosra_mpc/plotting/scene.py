@@ -132,7 +132,11 @@ class Scene:
         clock = f"{minutes:z.0f} min {seconds:z04.1f} s" if minutes else f"{seconds:z.1f} s"
         if time_s < playback.time_s[-1]:
             pace = playback.stretch.seconds_per_length(time_s) / self._duration_s
-            told = f"{pace:z.0f} times as fast" if pace > 1.5 else f"at {pace:z.2g} of its speed"
+            told = (
+                f"{pace:z.{int(pace < 3)}f} times as fast"
+                if pace > 1
+                else f"at {pace:z.2g} of its speed"
+            )
             doing = f"{playback.doing(row)}  ({told})"
         style: dict[str, Any] = {"transform": self._plane.transAxes, "va": "top", "zorder": 9}
         style["bbox"] = figures.BEHIND_WORDS
