@@ -10,7 +10,8 @@ import numpy as np
 
 from twosra_mpc import Plan, Problem, load_robot
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.solver.fixed_sequence import Candidate, feasible_schedule, verified
+from twosra_mpc.planning.bounds.schedule import feasible_schedule
+from twosra_mpc.planning.solver.fixed_sequence import Candidate, verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.robot.coordinates import Array

@@ -47,8 +47,8 @@ def test_a_bad_plan_is_changed_and_a_good_one_stays(best: Plan) -> None:
     for made, kind, share in ((bad, "replan", 0.75), (best, "kept", 1.05)):
         ran = simulate(best.problem, plan=made, plant="as-planned", disturbance="none")
         assert ran.run.reached
-        assert made.confirmed is not None
-        assert ran.run.duration_s < share * made.confirmed.duration_s
+        assert made.confirmed_s is not None
+        assert ran.run.duration_s < share * made.confirmed_s
         told = [event for event in ran.run.events if event.kind in ("kept", "replan")]
         assert kind in {event.kind for event in told}
         assert all("s are left, " in event.text and " s" in event.text for event in told)

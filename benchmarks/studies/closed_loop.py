@@ -75,7 +75,7 @@ class ClosedLoop(Study):
         planned_s = confirmed_s = over = None
         if done.run.plans:
             first = done.run.plans[0]
-            planned_s, confirmed_s = first.duration_s, first.confirmed and first.confirmed[0]
+            planned_s, confirmed_s = first.duration_s, first.confirmed_s
             over = done.run.duration_s / planned_s
         log, rigid_C = done.run.log, problem.robot.heater.rigid_setpoint_C
         off = not log.wheel_rad_s[-1].any() and bool((log.setpoint_C[-1] <= rigid_C).all())

@@ -15,6 +15,7 @@ from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.installation import require
 from twosra_mpc.planning.conclusion import Progress
+from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.plan import Plan, Status, above_bound, as_confirmed
 from twosra_mpc.plans.result import Result
@@ -75,6 +76,9 @@ def plan_command(
         with output.progress("proving"):
             made = prove(result.lower_bound)
         result = replace(result, certificate=made)
+    if result.plan is not None:
+        least_s = confirmed_lower_bound(result.plan)
+        result = replace(result, plan=replace(result.plan, confirmed_lower_bound=least_s))
     with output.progress("writing"):
         if out is not None:
             result.save(out)

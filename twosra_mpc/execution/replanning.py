@@ -12,9 +12,8 @@ from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.controller import Activity, Looking, Next, rest
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.planning.bounds.schedule import cost_coefficients
+from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
 from twosra_mpc.planning.planner import plan_again
-from twosra_mpc.planning.solver.fixed_sequence import feasible_schedule
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import bent_back

@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.effort import Ending, OutOfEffortError, limit_reached, limited
+from twosra_mpc.effort import Ending, OutOfEffortError, limit_reached
 from twosra_mpc.errors import ContradictionError
-from twosra_mpc.planning.relaxation import stage_tree
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
+from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.solver.fixed_sequence import feasible_schedule
 from twosra_mpc.planning.solver.gentle import gentle
 from twosra_mpc.planning.solver.sequence_solver import Solved
-from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
-from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
+from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.timing.thermal import Confirmed, confirmed_model
 
 
 @public
@@ -176,62 +171,3 @@ def nothing_found(problem: Problem, *, several: bool) -> str:
         return "no plan of these tasks found"
     within = "" if problem.workspace is None else " within the workspace"
     return f"no plan found{' among the obstacles' if problem.obstacles else within}"
-
-
-_STEPS = 100  # of a search that only bounds
-
-
-class ConfirmedTime(NamedTuple):
-    """Time of a plan as it is confirmed.
-
-    Attributes:
-        duration_s: Time until a robot exactly as described is known to have carried it out.
-        lower_bound_s: Proved: no plan is confirmed in less; None where cost is not only time.
-    """
-
-    duration_s: float
-    lower_bound_s: float | None
-
-
-def confirmed_time(plan: Plan) -> ConfirmedTime | None:
-    """Time of a plan as it is confirmed; None if its robot does not describe its segments.
-
-    Nor is there one if its heaters cannot make its phases, as late as melts are told.
-    """
-    model = confirmed_model(plan.problem)
-    if model is None:
-        return None
-    lasting = np.array([phase.end_s - phase.start_s for phase in plan.phases])
-    network = model.network(plan.sequence, plan.last_mode, [0.0] * len(lasting))
-    found = feasible_schedule(network, lasting, model.problem, model)
-    if found is None:
-        return None
-    duration_s = float(found[0][network.layout.finish])
-    return ConfirmedTime(duration_s, _bound_s(plan, model, duration_s))
-
-
-def _bound_s(plan: Plan, model: Confirmed, duration_s: float) -> float | None:
-    """Bound on all plans: what is confirmed takes no less than what is not, and bounds with it."""
-    problem, known = model.problem, plan.lower_bound
-    if known is None or any(problem.cost_weights.model_dump().values()):
-        return None
-    if problem.is_mission or problem.obstacles:  # placed anew, for no more than this
-        return min(known, duration_s)
-
-    def none(*_: object) -> Iterator[None]:
-        """No plan is looked for."""
-        return iter(())
-
-    steps = iter(range(_STEPS))
-    with limited(problem.work_limit, problem.time_limit_s):
-        search: SearchResult[None] = branch_and_bound(
-            stage_tree(problem, Ways(problem).variants(), none, timing=model),
-            gap=problem.gap,
-            out_of_time=lambda: next(steps, None) is None,
-            on_progress=lambda *_: None,
-            known=duration_s,
-            proved=lambda bound: forgiven(bound, problem.replay_tolerance),
-        )
-    if search.ending is Ending.INTERRUPTED:
-        raise KeyboardInterrupt
-    return min(max(search.lower_bound, known), duration_s)

@@ -176,7 +176,7 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
     )
     trajectory = replace(trajectory, done_s=tuple(_done_s(data, trajectory)))
     verification = Verification(**dict(data.verification))
-    proved = data.lower_bound_s, data.fastest_cost_s
+    proved = data.lower_bound_s, data.fastest_cost_s, data.confirmed_lower_bound_s
     return Plan(data.planner, trajectory, data.cost, verification, *proved)
 
 

@@ -10,12 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from twosra_mpc.arguments import Word, public
 from twosra_mpc.errors import InputError, NoPlanError
+from twosra_mpc.planning.bounds.schedule import feasible_schedule
 from twosra_mpc.plans.carried import mission_document, object_poses
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.objects import Object
@@ -23,10 +24,8 @@ from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name
 from twosra_mpc.timing import Transition, transition_model
+from twosra_mpc.timing.thermal import confirmed_model
 from twosra_mpc.validation import ArrayValue
-
-if TYPE_CHECKING:
-    from twosra_mpc.planning.conclusion import ConfirmedTime
 
 _SAME = 1e-9  # of a cost: no more than rounding
 
@@ -101,6 +100,8 @@ class Plan(ArrayValue):
         fastest_cost: Cost of the plan that the search found, at full speed [s]: with the same mode
             sequence and path, before it was made gentle. It is ``cost.total`` where nothing is
             slower on purpose; None where a file of an older version does not say.
+        confirmed_lower_bound: Proved lower bound on ``confirmed_s`` of any plan [s], where
+            `confirmed_lower_bound` was asked for it, as ``twosra plan`` does.
     """
 
     planner: str
@@ -109,6 +110,7 @@ class Plan(ArrayValue):
     verification: Verification
     lower_bound: float | None
     fastest_cost: float | None
+    confirmed_lower_bound: float | None = None
 
     def __getattr__(self, name: str) -> NoReturn:
         """Say what its result has instead.
@@ -168,15 +170,19 @@ class Plan(ArrayValue):
         return tuple(mode)
 
     @cached_property
-    def confirmed(self) -> ConfirmedTime | None:
-        """How long a robot exactly as described takes until all is known to be done, and a bound.
+    def confirmed_s(self) -> float | None:
+        """Time until a robot exactly as described is known to have carried it out [s].
 
         ``duration_s`` is when the metal is as planned; a run goes on when it knows. None if the
         segments are not described, or heaters that are told so late cannot make the phases.
         """
-        from twosra_mpc.planning.conclusion import confirmed_time  # only where it is asked for
-
-        return confirmed_time(self)
+        model = confirmed_model(self.problem)
+        if model is None:
+            return None
+        lasting = np.array([phase.end_s - phase.start_s for phase in self.phases])
+        network = model.network(self.sequence, self.last_mode, [0.0] * len(lasting))
+        found = feasible_schedule(network, lasting, model.problem, model)
+        return None if found is None else float(found[0][network.layout.finish])
 
     @property
     def gap(self) -> float | None:
@@ -242,14 +248,13 @@ class Plan(ArrayValue):
     def to_dict(self) -> dict[str, Any]:
         """The plan as plain data, as in the published file format."""
         tasks = self.problem.tasks or self.problem.objects
-        confirmed_s, least_s = self.confirmed or (None, None)
         return {
             "scenario": self.problem.scenario(),
             "planner": self.planner,
             "duration_s": self.duration_s,
             "lower_bound_s": self.lower_bound,
-            "confirmed_duration_s": confirmed_s,
-            "confirmed_lower_bound_s": least_s,
+            "confirmed_duration_s": self.confirmed_s,
+            "confirmed_lower_bound_s": self.confirmed_lower_bound,
             "gap": self.gap,
             "fastest_cost_s": self.fastest_cost,
             "search_gap": self.search_gap,
@@ -299,17 +304,17 @@ def headline(plan: Plan) -> str:
 
 def planned_words(plan: Plan) -> str:
     """Say how long a plan takes, and how long until runs know that it is done."""
-    told = "" if plan.confirmed is None else f", {plan.confirmed.duration_s:z.1f} s as confirmed"
+    told = "" if plan.confirmed_s is None else f", {plan.confirmed_s:z.1f} s as confirmed"
     return f"{plan.duration_s:z.1f} s{told}"
 
 
 def as_confirmed(plan: Plan) -> str:
     """Say how long it takes until runs know that a plan is done, and any; nothing if unknown."""
-    if plan.confirmed is None:
+    if plan.confirmed_s is None:
         return ""
-    time_s, least_s = plan.confirmed
+    least_s = plan.confirmed_lower_bound
     bound = "" if least_s is None else f"; no plan in less than {least_s:z.2f} s"
-    return f"{time_s:z.2f} s until all melts and freezes are confirmed{bound}"
+    return f"{plan.confirmed_s:z.2f} s until all melts and freezes are confirmed{bound}"
 
 
 def above_bound(plan: Plan) -> str:

@@ -9,9 +9,11 @@ import numpy as np
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.linear_program import minimise
-from twosra_mpc.problem.problem import Weights
+from twosra_mpc.problem.problem import Problem, Weights
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.timing import TemporalNetwork, latest_times
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, latest_times, transition_model
+
+_SCHEDULE_ROUNDS = 60  # of raising what a schedule must keep
 
 
 def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
@@ -47,6 +49,31 @@ def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Ar
     if weights.energy_s_per_J == 0:
         return _late_heating(timed)
     return _cheapest(timed, weights)
+
+
+def feasible_schedule(
+    network: TemporalNetwork,
+    durations: Array,
+    problem: Problem,
+    timing: TransitionModel | None = None,
+) -> tuple[Array, TemporalNetwork] | None:
+    """Event times that what happens before each transition allows, and the network they fulfil.
+
+    None if none are found. The transition model is the problem's, unless told.
+    """
+    model = timing or transition_model(problem)
+    for _ in range(_SCHEDULE_ROUNDS):
+        try:
+            times = schedule(network, durations, problem.cost_weights)
+        except ArithmeticError:  # the solver gave up
+            return None
+        if times is None:
+            return None
+        raised = model.settle(network, times.tolist())
+        if raised is None:
+            return times, network
+        network = raised
+    return None
 
 
 def _late_heating(network: TemporalNetwork) -> Array | None:

@@ -13,7 +13,7 @@ import numpy as np
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.planning.bounds.schedule import cost_coefficients, schedule
+from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule, schedule
 from twosra_mpc.planning.solver.guess import available_inputs, correct_end, spared_corners
 from twosra_mpc.planning.solver.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.plans.plan import Plan
@@ -25,11 +25,10 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
-from twosra_mpc.timing import TemporalNetwork, TransitionModel, transition_model
+from twosra_mpc.timing import TemporalNetwork, transition_model
 
 INTERVALS = 10
 _STEPS = 2
-_SCHEDULE_ROUNDS = 60
 _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
 _MOST_TURN_RAD = 0.35  # in an interval, inside a workspace; half a turn fits into ten
 _MAX_ITERATIONS = 150
@@ -120,31 +119,6 @@ def timed(
     durations = np.array([profile.duration_s for profile in profiles])
     found = feasible_schedule(network, durations, problem)
     return None if found is None else Candidate(motion, profiles, *found, iterations, stage_ends)
-
-
-def feasible_schedule(
-    network: TemporalNetwork,
-    durations: Array,
-    problem: Problem,
-    timing: TransitionModel | None = None,
-) -> tuple[Array, TemporalNetwork] | None:
-    """Event times that what happens before each transition allows, and the network they fulfil.
-
-    None if none are found. The transition model is the problem's, unless told.
-    """
-    model = timing or transition_model(problem)
-    for _ in range(_SCHEDULE_ROUNDS):
-        try:
-            times = schedule(network, durations, problem.cost_weights)
-        except ArithmeticError:  # the solver gave up
-            return None
-        if times is None:
-            return None
-        raised = model.settle(network, times.tolist())
-        if raised is None:
-            return times, network
-        network = raised
-    return None
 
 
 def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:

@@ -26,8 +26,8 @@ from dataclasses import replace
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.planning.bounds.schedule import cost_coefficients
-from twosra_mpc.planning.solver.fixed_sequence import Candidate, feasible_schedule
+from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
+from twosra_mpc.planning.solver.fixed_sequence import Candidate
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.robot.coordinates import Array

@@ -1,0 +1,50 @@
+"""Lower bound on the time in which any plan is confirmed: the same search, with later changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from twosra_mpc.arguments import public
+from twosra_mpc.effort import limited
+from twosra_mpc.planning.relaxation import stage_tree
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
+from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.tolerances import forgiven
+from twosra_mpc.timing.thermal import confirmed_model
+
+_STEPS = 100  # of a search that only bounds
+
+
+@public
+def confirmed_lower_bound(plan: Plan) -> float | None:
+    """Lower bound on ``confirmed_s`` of all plans of the same problem [s].
+
+    A confirmed plan takes no less than the same plan as described: so does its bound. With
+    obstacles or tasks it is no better than that. None where cost is not only time, or nothing is
+    proved of the plan.
+    """
+    problem, known, duration_s = plan.problem, plan.lower_bound, plan.confirmed_s
+    model = confirmed_model(problem)
+    if model is None or duration_s is None or known is None:
+        return None
+    if any(problem.cost_weights.model_dump().values()):
+        return None
+    if problem.is_mission or problem.obstacles:  # placed anew, for no more than this
+        return min(known, duration_s)
+
+    def none(*_: object) -> Iterator[None]:
+        """No plan is looked for."""
+        return iter(())
+
+    steps = iter(range(_STEPS))
+    with limited(problem.work_limit, problem.time_limit_s):
+        search: SearchResult[None] = branch_and_bound(
+            stage_tree(model.problem, Ways(model.problem).variants(), none, timing=model),
+            gap=problem.gap,
+            out_of_time=lambda: next(steps, None) is None,
+            on_progress=lambda *_: None,
+            known=duration_s,
+            proved=lambda bound: forgiven(bound, problem.replay_tolerance),
+        )
+    return min(max(search.lower_bound, known), duration_s)
