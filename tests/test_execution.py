@@ -71,7 +71,7 @@ def test_without_disturbance_what_is_executed_is_what_was_planned(
 
 RUNS = [  # scenario, seed, robot and level; three segments are planned again for half a minute
     ("paper-3", 3, ARC, "hard"),  # unequal bends: what one segment lacks it bends alone afterwards
-    ("paper-2", 2, ARC, "moderate"),
+    ("paper-2", 2, ARC, "hard"),
     ("paper-2", 3, "2sra-v1-paper", "moderate"),
     ("three-segments", 3, "3sra", "mild"),
 ]
