@@ -338,13 +338,13 @@ class HeatBelief(ArrayValue):
         """Search the most probable kind by Gauss-Newton steps; in doubt, from several starts."""
         starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
         points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
-        best, least = self.fit, math.inf
+        best, (least,) = self.fit, self.fit.solved(self.prior)[2]
         for _ in range(_ROUNDS):
             fit = self._fitted(points)
             _, steps, cost, gain = fit.solved(self.prior)
             k = int(cost.argmin())
             if cost[k] < least:
-                best, least = fit.only(k), float(cost[k])
+                best, least = fit.only(k), cost[k]
             if gain.max() < _GAIN:
                 break
             points = points + steps
