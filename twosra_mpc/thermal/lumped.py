@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -52,12 +51,12 @@ class Lumped:
     melting_point_C: float
     ambient_C: float
 
-    @cached_property
+    @property
     def solid_level(self) -> float:
         """Enthalpy up to which the segment is solid."""
         return 0.0
 
-    @cached_property
+    @property
     def liquid_level(self) -> float:
         """Enthalpy from which on the segment is liquid."""
         return self.latent_J
