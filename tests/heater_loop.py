@@ -97,7 +97,9 @@ def simulate_heater(
     since, asked = zip(*profile, strict=True)
     setpoints = [asked[i] for i in np.searchsorted(since, times + 1e-9, side="right") - 1]
     rng = np.random.default_rng(seed)
-    segment = HeatedSegment(plant, sensor, controller, start_C, rng, rigid_setpoint_C=-math.inf)
+    segment = HeatedSegment(
+        plant, sensor, controller, start_C, rng.standard_normal, rigid_setpoint_C=-math.inf
+    )
     rows, events = [_sample(segment)], list[Event]()
     for setpoint in setpoints[1:]:
         asked_C = controller.soft_setpoint_C if setpoint == "soft" else -math.inf

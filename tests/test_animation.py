@@ -21,6 +21,7 @@ from PIL import Image
 
 from twosra_mpc import InputError, Status, load_problem
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plotting import animate_plan, film
 from twosra_mpc.plotting.figures import (
     CHANGING_COLOUR,
@@ -84,7 +85,7 @@ def test_the_words_tell_clock_pace_state_and_outcome() -> None:
     assert "°C" in freezing
     assert "liquid" in freezing
     ended = shown_at("paper-2", result.duration_s)
-    assert f"[0,0] → [1,0] in {result.duration_s:.1f} s: optimal" in ended
+    assert f"[0,0] → [1,0] in {planned_words(result)}: optimal" in ended
 
 
 def test_two_segments_that_do_the_same_are_named_together() -> None:

@@ -248,6 +248,8 @@ def test_only_a_problem_that_ends_processes_is_lost(monkeypatch: pytest.MonkeyPa
     spec = Spec(scenario="rigid-move", grid={"time_limit_s": [101.0 + k for k in range(12)]})
     problems = Problems(spec, Path()).posed(np.zeros(12, dtype=bool))
     monkeypatch.setattr(workers, "plan_chunk", deadly)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     asked = Asked("optimal", False)
     rows = [row for found in planned(problems, asked, 2) for row in found.rows]
     assert sorted(row["problem"] for row in rows) == list(range(12))
@@ -255,6 +257,7 @@ def test_only_a_problem_that_ends_processes_is_lost(monkeypatch: pytest.MonkeyPa
     assert told.pop(2) == "every process that planned it died"
     assert set(told.values()) == {"well"}
     assert not active_children()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
     assert "OMP_NUM_THREADS" not in os.environ
 
 

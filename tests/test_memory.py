@@ -29,6 +29,7 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "cli/doctor.py": "_packages_of_modules: of nothing",
     "arguments.py": "checks: of nothing, for each public function",
     "model/chain.py": "_series: three series",
+    "problem/geojson.py": "_units_of_codes: of nothing",
     "keys.py": "_words: of nothing",
     "lab/figures/paper_figures.py": "both_plans: five tasks",
     "lab/reproduction/simulations.py": "run, run_freely: five simulations",

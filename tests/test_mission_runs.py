@@ -86,7 +86,7 @@ def nothing(problem: Problem) -> Result:
 @pytest.fixture
 def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
     made = Planner(driven)
-    monkeypatch.setattr(simulated, "find_plan", made)
+    monkeypatch.setattr(simulated, "plan_again", made)
     return made
 
 

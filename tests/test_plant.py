@@ -395,7 +395,7 @@ def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(name
             sensor=temperature_sensor(made.robot, made.problem.ambient, j),
             controller=stiffness_controller(made.robot, made.problem.ambient, j),
             start_C=made.problem.temperatures[j],
-            rng=np.random.default_rng(0),
+            noise=np.random.default_rng(0).standard_normal,
             rigid_setpoint_C=made.robot.heater.rigid_setpoint_C,
         )
         molten = []

@@ -244,7 +244,7 @@ def test_a_camera_needs_reports() -> None:
 # --- planning meanwhile --------------------------------------------------------------------------
 
 PUSH = np.array([0.0, 0.15, 0.0, 0.0, 0.0])
-PLANNER = "twosra_mpc.lab.serial.stream.find_plan"
+PLANNER = "twosra_mpc.lab.serial.stream.plan_again"
 
 
 def pushed(plan: Plan) -> SeenByLines:
@@ -297,7 +297,7 @@ def test_an_interrupt_does_not_wait_for_a_plan(monkeypatch: pytest.MonkeyPatch) 
     firmware.close()
 
 
-@pytest.mark.parametrize("part", ["read", "send", "wait", "find_plan"])
+@pytest.mark.parametrize("part", ["read", "send", "wait", "plan_again"])
 def test_whatever_raises_the_last_command_is_a_stop(
     monkeypatch: pytest.MonkeyPatch, part: str
 ) -> None:
@@ -305,11 +305,11 @@ def test_whatever_raises_the_last_command_is_a_stop(
     firmware = pushed(plan)
 
     def broken(*given: object) -> object:
-        if part == "find_plan" or firmware.now_s() > 4.0:
+        if part == "plan_again" or firmware.now_s() > 4.0:
             raise ZeroDivisionError(part)
         return whole(*given)
 
-    if part == "find_plan":
+    if part == "plan_again":
         monkeypatch.setattr(PLANNER, broken)
     else:
         whole = getattr(SerialRobot, part)

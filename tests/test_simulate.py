@@ -170,7 +170,10 @@ def test_the_figure_shows_what_was_planned_and_what_happened(
     labels = {line.get_label() for ax in figure.axes for line in ax.get_lines()}
     assert {"planned", "camera", "by the sensor", r"$\kappa_1$", "wheel 4"} <= labels
     assert "planned again once" in run_title(replanned.run)
-    assert f"after {replanned.run.duration_s:.0f} s (planned: 341 s)" in run_title(replanned.run)
+    assert (
+        f"after {replanned.run.duration_s:.0f} s (planned: 341.5 s, 403.9 s as confirmed)"
+        in run_title(replanned.run)
+    )
 
 
 def test_a_run_without_truth_or_plan_is_drawn_too(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     f"{_BOUNDS}/sequence_bound.py": ("test_bounds", "test_motion_effort"),
     f"{_BOUNDS}/drive_bound.py": ("test_drive_bound",),
     f"{_BOUNDS}/linear_program.py": ("test_linear_program",),
-    f"{_BOUNDS}/stages_bound.py": ("test_missions", "test_node_bounds"),
+    f"{_BOUNDS}/stage_bounds.py": ("test_missions", "test_node_bounds"),
     f"{_BOUNDS}/motion_bound.py": ("test_motion_bound",),
     f"{_BOUNDS}/pose_bound.py": ("test_pose_bound",),
     f"{_BOUNDS}/rigid_motion.py": ("test_rigid_motion",),

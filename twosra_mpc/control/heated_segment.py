@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
-
-import numpy as np
 
 from twosra_mpc.control.stiffness import (
     WITHIN_S,
@@ -44,7 +43,7 @@ class HeatedSegment:
         sensor: Its true sensor.
         controller: Its controller.
         start_C: Temperature at which metal and sensor rest at first.
-        rng: For the sensor's noise.
+        noise: Draws of the standard normal distribution, for the sensor's noise.
         rigid_setpoint_C: Set-points up to this switch the heater off.
         broken_heater: Whether the heater's wire is broken: no current ever flows.
         memory: State of the controller.
@@ -55,7 +54,7 @@ class HeatedSegment:
     sensor: TemperatureSensor
     controller: StiffnessController
     start_C: float
-    rng: np.random.Generator
+    noise: Callable[[], float]
     rigid_setpoint_C: float
     broken_heater: bool = False
 
@@ -122,7 +121,7 @@ class HeatedSegment:
         before, self.state = self.state, model.propagate(self.state, current, dt_s)
         here, then = model.temperature_C(before), model.temperature_C(self.state)
         self._lag = self.sensor.follow(self._lag, here, then, dt_s)
-        error_C = self.sensor.noise_C * self.rng.standard_normal()
+        error_C = self.sensor.noise_C * self.noise()
         self._reading_C = self.sensor.read_C(self._lag, error_C)
         wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
         held_C = max(setpoint_C, self.controller.soft_setpoint_C)
@@ -187,8 +186,8 @@ class _Driven:
     def _confirmed_s(self) -> tuple[float, float]:
         """Heater on to soft, and off to rigid."""
         model, off_C = self.model, self.heater.rigid_setpoint_C
-        exact, still = replace(self.sensor, noise_C=0.0), np.random.default_rng(0)
-        segment = HeatedSegment(model, exact, self.controller, model.ambient_C, still, off_C)
+        sensor, air_C = self.sensor, model.ambient_C
+        segment = HeatedSegment(model, sensor, self.controller, air_C, lambda: 0.0, off_C)
         shown = deque([segment.measured_C], maxlen=1 + round(WITHIN_S / LONGEST_STEP_S))
 
         def passed_s(setpoint_C: float, to: Stiffness) -> float:

@@ -27,6 +27,7 @@ from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import confirmed_model
 from twosra_mpc.validation import ArrayValue
 
+_SOON_S = 0.05  # after its end: no time of its own
 _SAME = 1e-9  # of a cost: no more than rounding
 
 
@@ -304,8 +305,9 @@ def headline(plan: Plan) -> str:
 
 def planned_words(plan: Plan) -> str:
     """Say how long a plan takes, and how long until runs know that it is done."""
-    told = "" if plan.confirmed_s is None else f", {plan.confirmed_s:z.1f} s as confirmed"
-    return f"{plan.duration_s:z.1f} s{told}"
+    known_s = plan.confirmed_s
+    later = known_s is not None and known_s > plan.duration_s + _SOON_S
+    return f"{plan.duration_s:z.1f} s" + (f", {known_s:z.1f} s as confirmed" if later else "")
 
 
 def as_confirmed(plan: Plan) -> str:

@@ -328,7 +328,7 @@ def heated_segments(
             true_sensor(temperature_sensor(robot, air, j), what, differences),
             stiffness_controller(robot, air, j),
             problem.temperatures[j],
-            noise,
+            noise.standard_normal,
             rigid_setpoint_C=robot.heater.rigid_setpoint_C,
             broken_heater=j + 1 in broken_heaters,
         )
