@@ -111,7 +111,7 @@ class SimulatedFirmware:
                 temperature_sensor(robot, problem.ambient, j),
                 stiffness_controller(robot, problem.ambient, j),
                 problem.temperatures[j],
-                np.random.default_rng(j),
+                np.random.default_rng(j).standard_normal,
                 rigid_setpoint_C=robot.heater.rigid_setpoint_C,
                 broken_heater=j in broken_heaters,
             )
