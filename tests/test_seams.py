@@ -319,11 +319,10 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_435, 228  # times as confirmed, their second account: 280
-MOST_LINES = 36_081
-MOST_LINES_OF_TESTS = 33_188
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 439, 66  # paper-1, planned once before; two
-# more than before for starts in any state of the metal: its melt fractions, its stiffness
+MOST_CORE_LINES, MOST_CORE_FILES = 28_390, 221  # times as confirmed, their second account: 280
+MOST_LINES = 34_675
+MOST_LINES_OF_TESTS = 32_250
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 397, 56  # paper-1, planned once before
 
 
 def code_lines(path: Path) -> int:
