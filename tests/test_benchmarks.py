@@ -641,10 +641,9 @@ def test_each_claim_of_the_paper_is_a_row(tmp_path: Path) -> None:
         {"published": 2.0, "ours": 2.5, "unit": ""},
     ]
     claim = {"claim": "It is so", "where": "Fig. 1", "verdict": "holds", "readings": readings}
-    tables = {"statistics": [[["a", "b"], ["1", "2"]]] * 2, "curvature": []}
+    tables = {"curvature": []}
     record = {"claims": [claim], "tables": tables, "verdicts": {"holds": 1}}
     log.append(next(study.cases())._asdict(), record)
     made = published_tables(study, log, tmp_path)
     assert made[""][1] == ("It is so (Fig. 1)", "1 mm / 2", "- / 2.5", "holds")
-    assert made["_modes"] == [("a", "b"), ("1", "2")]
     assert "_curvature" not in made
