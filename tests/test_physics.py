@@ -265,7 +265,13 @@ def test_wheels_that_cannot_carry_the_robot_are_refused() -> None:
         mjcf(robot.with_values(geometry=drags))
 
 
-def test_without_mujoco_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mujoco_or_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match=r"--viewer.*no display"):
+        SimulatedRobot(problem(0.0, 0.0), "mujoco", viewer=True)
+    with pytest.raises(InputError, match="only plant mujoco"):
+        SimulatedRobot(problem(0.0, 0.0), "arc", viewer=True)
     monkeypatch.setattr(installation, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"mujoco is missing.*\[physics\]"):
         SimulatedRobot(problem(0.0, 0.0), "mujoco")

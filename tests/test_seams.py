@@ -53,6 +53,7 @@ ALLOWED = {
     ),
     "serial": ("lab/serial/port.py",),
     "mujoco": ("physics/",),
+    "glfw": ("physics/",),
     "flint": CERTIFICATES,
     "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),

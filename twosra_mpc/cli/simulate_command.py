@@ -40,6 +40,7 @@ _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 @options.command("simulate")
 @click.argument("scenario", **options.SCENARIO)
 @options.word_option("--plant", f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")
+@click.option("--viewer", is_flag=True, help="Watch the first run of plant mujoco.")
 @options.word_option(
     "--disturbance", f"How far from its description: {_LEVELS}.", LEVELS, default="moderate"
 )
@@ -63,6 +64,7 @@ def simulate_command(
     executor: str,
     runs: int,
     broken: tuple[int, ...],
+    viewer: bool,
     load: options.Load,
     out: Path | None,
     plot: Path | None,
@@ -95,7 +97,7 @@ def simulate_command(
     drawn: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
     drawn |= {"broken_heaters": broken, "plan": result.plan}
     with output.progress(f"running 1 of {runs}") as tell:
-        first = simulate(problem, seed=seed, **drawn)
+        first = simulate(problem, seed=seed, viewer=viewer, **drawn)
         tell("writing")
         if out is not None:
             write_json(out, first.to_dict())

@@ -12,12 +12,15 @@ Nobody has measured how metal sets: p is drawn from a range.
 
 from __future__ import annotations
 
+import time
+import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import TwosraError
+from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.installation import require
 from twosra_mpc.physics.mjcf import (
     HINGES,
@@ -104,6 +107,7 @@ class Engine:
         self._rest_rad = self.data.qpos[self._bends].copy()
         self._solid = 1.0 - np.asarray(melted)
         self._stiffen()
+        self._viewer: Any = None
         names = [self.model.body(number).name for number in range(self.model.nbody)]
         self._walls = {
             n: name.removeprefix(WALL) for n, name in enumerate(names) if name.startswith(WALL)
@@ -141,6 +145,7 @@ class Engine:
         steps = max(1, round(duration_s / self._step_s))
         self.model.opt.timestep = duration_s / steps
         self.data.ctrl[:] = turned / duration_s
+        began_s = time.monotonic()
         self._mujoco.mj_step(self.model, self.data, nstep=steps)
         self._unwind()
         told = [one for one in _BAD if self._warnings(one) > 0]
@@ -152,7 +157,30 @@ class Engine:
                 f" small, for steps of {step_ms:z.2g} ms"
             )
         self.touched = self.touched or self._touches()
+        if self._viewer is not None and self._viewer.is_running():
+            self._viewer.sync()
+            time.sleep(max(0.0, duration_s - (time.monotonic() - began_s)))
         return self.q
+
+    def view(self) -> None:
+        """Open MuJoCo's viewer; from then on motion is shown as it is simulated.
+
+        Raises:
+            InputError: If there is no display.
+        """
+        import glfw
+
+        allowed = "left out: there is no display"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if not glfw.init():
+                raise InputError("--viewer", True, allowed)
+        from mujoco import viewer
+
+        try:
+            self._viewer = viewer.launch_passive(self.model, self.data)
+        except RuntimeError as error:  # macOS: it must be run by mjpython
+            raise InputError("--viewer", True, f"left out: {error}") from None
 
     def _touches(self) -> str:
         """Obstacle in contact with the robot now; empty if none."""

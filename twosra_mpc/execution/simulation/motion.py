@@ -101,12 +101,19 @@ class PhysicsMotion:
     """Motion in a rigid-body engine."""
 
     def __init__(
-        self, problem: Problem, robot: Robot, physics: Physics, segments: Segments
+        self,
+        problem: Problem,
+        robot: Robot,
+        physics: Physics,
+        segments: Segments,
+        *,
+        viewer: bool = False,
     ) -> None:
         """Put a robot with these lengths and physics where the problem starts.
 
         Raises:
-            InputError: If the engine is not installed, or the wheels cannot carry the robot.
+            InputError: If the engine is not installed, its viewer has no display, or the wheels
+                cannot carry the robot.
             RobotError: If its start cannot be simulated.
         """
         try:
@@ -114,6 +121,8 @@ class PhysicsMotion:
         except DivergedError as error:
             raise RobotError(str(error)) from error
         self.objects = self._engine if problem.objects else None
+        if viewer:
+            self._engine.view()
 
     @property
     def touched(self) -> str:

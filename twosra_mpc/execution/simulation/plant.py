@@ -107,6 +107,7 @@ class SimulatedRobot:
         seed: Count = 0,
         *,
         broken_heaters: Collection[int] = (),
+        viewer: bool = False,
     ) -> None:
         """Put the robot where the problem starts.
 
@@ -116,10 +117,12 @@ class SimulatedRobot:
             disturbance: What else differs from the model; default: nothing.
             seed: Of all that is drawn at random.
             broken_heaters: Segments (from 1) whose heater never warms.
+            viewer: Show the motion in MuJoCo's viewer.
 
         Raises:
             InputError: If there is no such plant, or the robot's segments are not described; of
-                "mujoco", if it is not installed, or the wheels cannot carry the robot.
+                "mujoco", if it is not installed, there is no display for its viewer, or the wheels
+                cannot carry the robot.
         """
         what = disturbance or Disturbance()
         drawn = np.random.default_rng([seed, 0])
@@ -137,7 +140,9 @@ class SimulatedRobot:
         if physics:
             width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])
             own = self._true.true_physics.drawn(width, rng)
-            self._motion = PhysicsMotion(problem, self._true, own, self.segments)
+            self._motion = PhysicsMotion(problem, self._true, own, self.segments, viewer=viewer)
+        elif viewer:
+            raise InputError("viewer", True, f"left out: only plant {PHYSICS} has one")
         self._touched = self._motion.touched
         self.q = problem.start.configuration.copy()
         self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)

@@ -211,6 +211,7 @@ def simulate(
     plan: Plan | None = None,
     settings: ExecutorSettings | None = None,
     broken_heaters: Collection[int] = (),
+    viewer: bool = False,
 ) -> Simulation:
     """Plan a problem and run it; or drive to its goal by the greedy rule, which needs no plan.
 
@@ -223,6 +224,7 @@ def simulate(
         plan: A plan of the problem, if there is one already.
         settings: Of the executor; by default it knows the level's dead zone.
         broken_heaters: Segments (from 1) whose heater never warms.
+        viewer: Show the motion in the viewer of plant "mujoco".
 
     Raises:
         InputError: If there is no such plant, level or executor, the plan is of another problem, or
@@ -233,7 +235,9 @@ def simulate(
     level = disturbance_level(disturbance)
     if executor not in EXECUTORS:
         raise InputError("executor", executor, f"one of {', '.join(EXECUTORS)}")
-    robot = SimulatedRobot(problem, plant, level, seed, broken_heaters=broken_heaters)
+    robot = SimulatedRobot(
+        problem, plant, level, seed, broken_heaters=broken_heaters, viewer=viewer
+    )
     chosen = settings or ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
     if executor == "greedy":
         run = GreedyExecutor(robot, chosen).run(problem)
