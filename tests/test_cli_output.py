@@ -43,6 +43,7 @@ from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
 from twosra_mpc.lab.commands import jog_command, robot_line, stream_command
+from twosra_mpc.lab.figures import paper_figures
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
@@ -70,6 +71,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
     monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
+    monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
 
 @lru_cache(1)
@@ -266,6 +268,7 @@ PROGRESS: list[tuple[list[str], str]] = [
     (["export", "plan.json", "out.csv", "--json"], "writing out.csv"),
     (["report", "plan.json", "out.html", "--json"], "drawing the report"),
     (["animate", "plan.json", "out.gif", "--json"], "animating: frame 2 of 2"),
+    (["figures", "folder", "--json"], "drawing blank"),
 ]
 
 

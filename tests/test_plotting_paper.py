@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import signal
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from once import planned
 
-from twosra_mpc import load_problem
+from twosra_mpc import cli, load_problem
+from twosra_mpc.lab.figures import paper_figures
 from twosra_mpc.lab.figures.paper_figures import (
     LEAST_SHARE,
     MODES,
+    PAPER_FIGURES,
     START,
     TASK_COLOURS,
     plot_error_decrease,
@@ -112,3 +116,28 @@ def test_every_published_task_has_start_target_and_path() -> None:
 def test_forward_kinematics_starts_where_it_says() -> None:
     top = forward_kinematics().axes[0]
     assert [line.get_ydata()[0] for line in top.lines[:4:2]] == list(START[:2])
+
+
+# --- program
+
+
+def test_all_figures_are_written_to_a_new_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = {name: (lambda path: path.write_text("drawn")) for name in PAPER_FIGURES}
+    monkeypatch.setattr(paper_figures, "PAPER_FIGURES", made)
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["figures", "paper", "--format", "pdf"])
+    assert caught.value.code == 0
+    expected = [f"paper/{name}.pdf" for name in PAPER_FIGURES]
+    assert capsys.readouterr().out.split() == expected
+    assert sorted(str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*.pdf")) == sorted(
+        expected
+    )
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["figures", "nowhere/paper"])
+    assert caught.value.code == 2
+    assert "nowhere/paper" in capsys.readouterr().err
+    signal.signal(signal.SIGTERM, before)

@@ -7,7 +7,7 @@ package for the same tasks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import pairwise, product
 from pathlib import Path
@@ -174,6 +174,13 @@ def plot_published_tasks(path: str | Path | None = None) -> Figure:
         }
         plane.legend_below(figure, entries, 5)
     return figure
+
+
+PAPER_FIGURES: dict[str, Callable[[Path], Figure]] = {
+    "forward-kinematics": plot_forward_kinematics,
+    "error-decrease": plot_error_decrease,
+    "published-tasks": plot_published_tasks,
+}
 
 
 def _draw_study(
