@@ -22,7 +22,7 @@ from PIL import Image
 from twosra_mpc import InputError, Status, load_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import planned_words
-from twosra_mpc.plotting import animate_plan, film
+from twosra_mpc.plotting import animate_plan, check_animation_path, film
 from twosra_mpc.plotting.figures import (
     CHANGING_COLOUR,
     FREEZING_COLOUR,
@@ -197,15 +197,38 @@ def test_an_animation_is_small_reports_progress_and_leaves_settings_alone(tmp_pa
 
 
 def test_a_notebook_shows_the_film_itself() -> None:
-    html = Film(b"GIF89a", 800)._repr_html_()
-    assert "GIF89a" not in repr(Film(b"GIF89a", 800))
+    html = Film(b"GIF89a", "image/gif", 800)._repr_html_()
+    assert "GIF89a" not in repr(Film(b"GIF89a", "image/gif", 800))
     found = re.fullmatch(r'<img src="data:image/gif;base64,(\S+)" width="800" alt="\w+">', html)
     assert found is not None
     assert base64.b64decode(found[1]) == b"GIF89a"
+    video = Film(b"mp4", "video/mp4", 800)._repr_html_()
+    assert video.startswith('<video src="data:video/mp4;base64,bXA0" width="800" controls')
+
+
+def test_mp4_is_what_ffmpeg_makes_of_the_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stand-in for ffmpeg that writes the raw frames it is given."""
+    stand_in = tmp_path / "ffmpeg"
+    stand_in.write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n')
+    stand_in.chmod(0o755)
+    monkeypatch.setitem(mpl.rcParams, "animation.ffmpeg_path", str(stand_in))
+    monkeypatch.setattr(film, "LAST_FRAME_S", 0.2)
+    shown = animate_plan(planned("rigid-move"), tmp_path / "plan.mp4", duration_s=0.2)
+    assert shown.media_type == "video/mp4"
+    assert len(shown.data) == 4 * 800 * 660 * (2 + 2)
+    assert (tmp_path / "plan.mp4").read_bytes() == shown.data
+
+
+def test_an_mp4_without_ffmpeg_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(mpl.rcParams, "animation.ffmpeg_path", str(tmp_path / "ffmpeg"))
+    with pytest.raises(InputError, match="ffmpeg, which is not installed"):
+        check_animation_path("run.mp4")
 
 
 def test_an_unknown_ending_is_refused_before_any_work(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"ending in \.gif"):
+    with pytest.raises(InputError, match=r"ending in \.gif or \.mp4"):
         animate_plan(planned("rigid-move"), tmp_path / "plan.avi")
     with pytest.raises(InputError, match="folder that exists"):
         animate_plan(planned("rigid-move"), tmp_path / "nowhere" / "plan.gif")
@@ -246,7 +269,7 @@ def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("plan.json", "plan.avi"), "a file ending in .gif"),
+        (("plan.json", "plan.avi"), "a file ending in .gif or .mp4"),
         (("plan.json", "nowhere/plan.gif"), "a folder that exists and can be written"),
         (("absent.json", "plan.gif"), "file = 'absent.json' is not acceptable"),
         (("plan.json", "plan.gif", "--seconds", "0"), "'--seconds'"),

@@ -100,6 +100,14 @@ class TestWithoutPlanning:
         assert code == 4
         assert "FAIL packages not known: install twosra-mpc with pip" in out
 
+    def test_ffmpeg_is_no_must(self, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(doctor.shutil, "which", lambda _: None)
+        code, out, _ = run()
+        assert code == 0
+        assert "none ffmpeg films as mp4 need it" in out
+        monkeypatch.setattr(doctor.shutil, "which", lambda _: "/usr/bin/ffmpeg")
+        assert "PASS ffmpeg /usr/bin/ffmpeg" in run().out
+
 
 def test_a_planner_that_fails_is_a_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: Any) -> Any:

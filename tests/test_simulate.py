@@ -139,7 +139,7 @@ def _without_none(document: dict[str, object]) -> dict[str, object]:
         (["paper-1", "--executor", "best"], ["--executor", "best"]),
         (["paper-1", "--runs", "0"], ["--runs", "0"]),
         (["paper-11"], ["scenario = 'paper-11'", "did you mean paper-1?"]),
-        (["paper-1", "--animate", "a.png"], ["output = 'a.png'", "ending in .gif"]),
+        (["paper-1", "--animate", "a.png"], ["output = 'a.png'", ".gif or .mp4"]),
         (["paper-1", "--plot", "a.gift"], ["output = 'a.gift'", ".png"]),
         (["paper-1", "--out", "missing/a.json"], ["output = 'missing/a.json'", "folder"]),
     ],

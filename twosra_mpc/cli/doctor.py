@@ -6,6 +6,7 @@ import functools
 import importlib
 import platform
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -85,6 +86,9 @@ def examine() -> Iterator[Finding]:
         if not item.extra:
             yield _tried(item.name, lambda item=item: package(item))  # type: ignore[misc]
     yield from _extras(needed)
+    ffmpeg = shutil.which("ffmpeg")
+    missing = Finding("ffmpeg", "none", "films as mp4 need it; gif works without")
+    yield Finding("ffmpeg", "PASS", ffmpeg) if ffmpeg else missing
     yield _tried("self-test: a plan is made, tracked, written, read and verified", self_test)
 
 

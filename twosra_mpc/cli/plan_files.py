@@ -289,7 +289,7 @@ _FILM_S = Finite(1.0, 120.0)
 @out_argument(animation)
 @click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
 def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
-    """Animate PLAN, a plan file, into OUT (gif).
+    """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
 
     Waits are compressed, motion is slowed down, and a clock shows the time.
 

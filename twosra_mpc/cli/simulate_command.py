@@ -55,7 +55,7 @@ _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 )
 @options.file_option("--out", "Write the (first) run as JSON.")
 @options.plot_option("Draw it")
-@options.file_option("--animate", "Film it (gif).", options.animation)
+@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.animation)
 def simulate_command(
     scenario: str,
     plant: str,

@@ -11,14 +11,17 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.animation import FFMpegWriter, writers
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 from twosra_mpc.arguments import public
+from twosra_mpc.errors import InputError
 from twosra_mpc.files import check_writable, ending_of, write_bytes
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figures import PALETTE, STYLE
@@ -33,6 +36,7 @@ SHADES = 9  # of each colour in a GIF, towards white
 UNCHANGED = 255  # place in the palette of a GIF for what is as in the frame before
 LEAST = 0.25  # of the length of the unstretched time axis that a motion phase takes
 
+_ENDINGS = ".gif", ".mp4"
 OnProgress = Callable[[int, int], None]  # frames done, frames in all
 
 
@@ -42,16 +46,21 @@ class Film:
     """A film; a notebook shows it where it is the last value of a cell.
 
     Attributes:
-        data: Content of its file, a GIF.
+        data: Content of its file.
+        media_type: Kind of file.
         width_px: Width of the picture.
     """
 
     data: bytes = field(repr=False)
+    media_type: Literal["image/gif", "video/mp4"]
     width_px: int
 
     def _repr_html_(self) -> str:
-        source = f"data:image/gif;base64,{base64.b64encode(self.data).decode('ascii')}"
-        return f'<img src="{source}" width="{self.width_px}" alt="animation">'
+        source = f"data:{self.media_type};base64,{base64.b64encode(self.data).decode('ascii')}"
+        shown = f'src="{source}" width="{self.width_px}"'
+        if self.media_type == "image/gif":
+            return f'<img {shown} alt="animation">'
+        return f"<video {shown} controls autoplay loop muted></video>"
 
 
 @public
@@ -61,7 +70,9 @@ def check_animation_path(path: str | Path) -> None:
     Raises:
         InputError: If it cannot.
     """
-    ending_of(path, ".gif")
+    if ending_of(path, *_ENDINGS) == ".mp4" and not writers.is_available("ffmpeg"):
+        allowed = "a file ending in .gif: .mp4 needs the program ffmpeg, which is not installed"
+        raise InputError("output", str(path), allowed)
 
 
 @public
@@ -76,7 +87,7 @@ def animate_plan(
 
     Args:
         plan: The plan.
-        path: Where to save the animation, atomically; its ending is gif.
+        path: Where to save the animation, atomically; its ending (gif, mp4) is the format.
         duration_s: Of the animation, without its last frame.
         on_progress: Called with the frames done and the frames in all, after each of them.
 
@@ -103,7 +114,11 @@ def animate(
     told = on_progress or (lambda done, total: None)
     with rc_context(STYLE):
         scene = Scene(playback, titles, duration_s)
-        film = Film(gif(scene, rows, told), round(scene.figure.bbox.width))
+        width_px = round(scene.figure.bbox.width)
+        if path is None or ending_of(path, *_ENDINGS) == ".gif":
+            film = Film(gif(scene, rows, told), "image/gif", width_px)
+        else:
+            film = Film(_mp4(scene, rows, told), "video/mp4", width_px)
     if path is not None:
         write_bytes(path, film.data)
     return film
@@ -146,3 +161,16 @@ def _palette() -> Image.Image:
     image = Image.new("P", (1, 1))
     image.putpalette(np.rint(255 * every[far]).astype(int).ravel().tolist())
     return image
+
+
+def _mp4(scene: Scene, rows: Sequence[int], told: OnProgress) -> bytes:
+    writer = FFMpegWriter(fps=FRAMES_PER_S)  # type: ignore[arg-type]  # ffmpeg takes any number
+    last = [rows[-1]] * round(LAST_FRAME_S * FRAMES_PER_S)
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "film.mp4")
+        with writer.saving(scene.figure, str(file), scene.figure.dpi):
+            for number, row in enumerate([*rows, *last], start=1):
+                scene.show(row)
+                writer.grab_frame()
+                told(number, len(rows) + len(last))
+        return file.read_bytes()

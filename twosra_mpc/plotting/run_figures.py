@@ -265,7 +265,7 @@ def animate_run(
 
     Args:
         run: The run.
-        path: Where to save the animation, atomically; its ending is gif.
+        path: Where to save the animation, atomically; its ending (gif, mp4) is the format.
         truth: What really happened, if it was a simulation; otherwise what was believed is shown.
         duration_s: Of the animation, without its last frame.
         on_progress: Called with the frames done and the frames in all, after each of them.
