@@ -1,6 +1,6 @@
 """A batch: one problem for a grid of goals and currents, planned by all cores, as one table.
 
-`twosra batch` goes on where it was interrupted.
+`twosra batch` goes on where it was interrupted, and plans on any Dask cluster as well.
 """
 
 import subprocess

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shlex
 import signal
+import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from multiprocessing import active_children
 from pathlib import Path
 
+import cloudpickle
+import dask
 import numpy as np
 import pandas as pd
 import pytest
 from conftest import Run
+from distributed import Client, LocalCluster, Worker, WorkerPlugin
 from pandas.testing import assert_frame_equal
 from test_cli_output import examples
 
 from twosra_mpc import InputError, load_plan, plan
 from twosra_mpc.analysis.critical_path import critical_path
-from twosra_mpc.lab.batch import folder, read_runs, workers
-from twosra_mpc.lab.batch.chunk import Asked, Chunk, failed, plan_chunk
-from twosra_mpc.lab.batch.problems import Posed, Problems
+from twosra_mpc.lab.batch import chunk, folder, read_runs, workers
+from twosra_mpc.lab.batch.chunk import Asked, plan_chunk
+from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import Spec, load_spec
 from twosra_mpc.lab.batch.table import GREEDY_COLUMNS, RESULT_COLUMNS
-from twosra_mpc.lab.batch.workers import planned
+from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 
@@ -50,16 +53,44 @@ curvature_per_m = 60.0
 COUNT = 16
 TIMES = ["wall_s", "cpu_s", "greedy_wall_s", "greedy_cpu_s"]
 
+cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not have the tests
 
-def planned_here(posed: Iterator[Posed], asked: Asked, _workers: int | None) -> Iterator[Chunk]:
-    """Plan in this process."""
-    yield plan_chunk(list(posed), asked)
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    """Two workers on this machine, on which somebody else has the port of the dashboard."""
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # somebody has it indeed
+            taken.bind(("", 8787))
+            taken.listen()
+        with local_cluster(2) as client:
+            yield client
+
+
+def test_workers_and_dashboard_are_reached_from_this_machine_alone(client: Client) -> None:
+    about = client.scheduler_info()
+    addresses = [about["address"], *about["workers"]]
+    assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
+    cluster = client.cluster
+    assert cluster is not None
+    assert cluster.scheduler.http_server._sockets  # the dashboard's, or what stands in for it
+    for listening in cluster.scheduler.http_server._sockets.values():
+        assert listening.getsockname()[0] == "127.0.0.1"
 
 
 @pytest.fixture
 def drawn(tmp_path: Path) -> Path:
     (tmp_path / "drawn.toml").write_text(DRAWN)
     return tmp_path / "drawn.toml"
+
+
+def table(client: Client, spec: Spec) -> pd.DataFrame:
+    """What a cluster comes to, without a folder."""
+    problems = Problems(spec, Path())
+    left = problems.posed(np.zeros(len(problems), dtype=bool))
+    asked = Asked(spec.planner, spec.plans)
+    rows = [row for found in planned(client, left, asked) for row in found.rows]
+    return pd.DataFrame(rows).sort_values("problem", ignore_index=True)
 
 
 def assert_same(found: pd.DataFrame, expected: pd.DataFrame) -> None:
@@ -72,7 +103,7 @@ def assert_same(found: pd.DataFrame, expected: pd.DataFrame) -> None:
 
 @pytest.fixture(scope="module")
 def undisturbed() -> pd.DataFrame:
-    """The table of the random problems, made in this process alone."""
+    """The table of the random problems, made in this process without Dask."""
     problems = Problems(Spec(random=_random()), Path())
     every = list(problems.posed(np.zeros(COUNT, dtype=bool)))
     rows = plan_chunk(every, Asked("optimal", False)).rows
@@ -127,7 +158,10 @@ def test_a_second_less_of_each_saves_what_the_table_says(
     assert saved == pytest.approx(before[f"critical_{what}s"], abs=0.05)
 
 
-def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
+def test_the_program_writes_a_table_and_plans(
+    client: Client, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "local_cluster", lambda _: contextlib.nullcontext(client))
     (tmp_path / "corners.toml").write_text(CORNERS)
     asked = ("batch", "corners.toml", "--out", "runs", "--planner", "both", "--plans")
     code, out, err = run(*asked, "--workers", 1)
@@ -151,8 +185,8 @@ def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
     assert len(plans) == 6  # none of what was refused
     made = load_plan(tmp_path / "runs" / "plans" / "00000000.json").require()
     assert made.cost.total == frame["cost"][0]
-    # Once more: nothing is left to do.
-    code, out, _ = run(*asked, "--json")
+    # Once more: nothing is left to do, by whatever means.
+    code, out, _ = run(*asked, "--scheduler", "tcp://127.0.0.1:1", "--json")
     assert code == 0
     assert json.loads(out)["planned now"] == 0
     # Another spec, in the same folder.
@@ -166,6 +200,18 @@ def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
     assert "planner = 'greedy'" in err
     assert "plans = False" in err
     assert_frame_equal(frame, read_runs(tmp_path / "runs"))
+
+
+def test_the_examples_run(
+    client: Client, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "random.toml").write_text('scenario = "rigid-move"\n')
+    for name in ("local_cluster", "cluster_at"):
+        monkeypatch.setattr(workers, name, lambda _: contextlib.nullcontext(client))
+    for example in examples("batch"):
+        code, out, err = run(*shlex.split(example)[1:])
+        assert (code, err) == (0, "")
+        assert "problems 1" in out
 
 
 # The program, which gets a signal once it has written what the first problems came to.
@@ -186,6 +232,7 @@ __main__.main()
 
 
 def test_a_batch_goes_on_whatever_ended_it(
+    client: Client,
     drawn: Path,
     run: Run,
     undisturbed: pd.DataFrame,
@@ -193,11 +240,14 @@ def test_a_batch_goes_on_whatever_ended_it(
 ) -> None:
     """Of the signals that the program catches, one: they are one to it (see test_cli)."""
     runs = drawn.parent / "runs"
-    words = ["batch", str(drawn), "--out", str(runs), "--workers", "1"]
+    words = ["batch", str(drawn), "--out", str(runs)]
     (scratch := drawn.parent / "scratch").mkdir()
-    for number in (signal.SIGINT, signal.SIGKILL):
+    for number, where in (
+        (signal.SIGINT, ("--workers", "1")),
+        (signal.SIGKILL, ("--scheduler", client.scheduler.address)),
+    ):
         ended = subprocess.run(
-            [sys.executable, "-c", ENDED, number.name, *words],
+            [sys.executable, "-c", ENDED, number.name, *words, *where],
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
@@ -212,7 +262,7 @@ def test_a_batch_goes_on_whatever_ended_it(
             assert ended.stderr.startswith(said)
             assert not list(scratch.iterdir())
     assert 4 <= len(done) < COUNT
-    monkeypatch.setattr(workers, "planned", planned_here)
+    monkeypatch.setattr(workers, "local_cluster", lambda _: contextlib.nullcontext(client))
     code, out, _ = run(*words, "--json")
     assert code == 0
     assert json.loads(out)["planned now"] == COUNT - len(done)
@@ -225,40 +275,103 @@ def test_a_batch_goes_on_whatever_ended_it(
     ]
 
 
-def test_the_examples_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "random.toml").write_text('scenario = "rigid-move"\n')
-    monkeypatch.setattr(workers, "planned", planned_here)
-    for example in examples("batch"):
-        code, out, err = run(*shlex.split(example)[1:])
-        assert (code, err) == (0, "")
-        assert "problems 1" in out
+def test_a_worker_that_dies_loses_nothing(client: Client, undisturbed: pd.DataFrame) -> None:
+    problems = Problems(Spec(random=_random()), Path())
+    victim = next(iter(client.run(os.getpid).values()))
+    rows = []
+    for found in planned(
+        client, problems.posed(np.zeros(COUNT, dtype=bool)), Asked("optimal", False)
+    ):
+        if not rows:
+            os.kill(victim, signal.SIGKILL)
+        rows += found.rows
+    assert_same(
+        folder.frame_of(rows, problems.kinds, greedy=False).sort_values(
+            "problem", ignore_index=True
+        ),
+        undisturbed,
+    )
 
 
-def deadly(posed: list[Posed], asked: Asked) -> Chunk:
-    """Plan nothing, and die of one problem, as a solver that crashes would."""
-    assert os.environ["OMP_NUM_THREADS"] == os.environ["OPENBLAS_NUM_THREADS"] == "1"
-    if any(one.number == 2 for one in posed):
-        os._exit(1)
-    time.sleep(0.1)  # so that chunks stay small
-    chunks = [failed(one, asked, "well") for one in posed]
-    return Chunk([row for each in chunks for row in each.rows], {}, 1.0)
+class _Deadly(WorkerPlugin):
+    """Has a worker die of one problem, as a solver that crashes would."""
+
+    def setup(self, worker: Worker) -> None:
+        del worker
+        real = chunk.plan
+
+        def deadly(problem: Problem) -> object:
+            if problem.time_limit_s == 103.0:
+                os._exit(1)
+            return real(problem)
+
+        chunk.plan = deadly
 
 
-def test_only_a_problem_that_ends_processes_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    spec = Spec(scenario="rigid-move", grid={"time_limit_s": [101.0 + k for k in range(12)]})
-    problems = Problems(spec, Path()).posed(np.zeros(12, dtype=bool))
-    monkeypatch.setattr(workers, "plan_chunk", deadly)
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    asked = Asked("optimal", False)
-    rows = [row for found in planned(problems, asked, 2) for row in found.rows]
-    assert sorted(row["problem"] for row in rows) == list(range(12))
-    told = {row["problem"]: row["message"] for row in rows}
-    assert told.pop(2) == "every process that planned it died"
-    assert set(told.values()) == {"well"}
-    assert not active_children()
-    assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
-    assert "OMP_NUM_THREADS" not in os.environ
+def test_a_problem_that_kills_every_worker_is_a_row() -> None:
+    spec = Spec(scenario="rigid-move", grid={"time_limit_s": [101.0, 103.0]})
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), local_cluster(1) as client:
+        client.register_plugin(_Deadly())
+        frame = table(client, spec)
+    assert frame["verified"].tolist() == [True, False]
+    assert frame["status"][1] == "failed"
+    assert "every worker that planned it died" in frame["message"][1]
+
+
+def test_workers_use_one_core_each(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    def settings() -> tuple[str, str]:
+        return os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]
+
+    assert set(client.run(settings).values()) == {("1", "1")}
+    assert set(client.nthreads().values()) == {1}
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error(
+    run: Run, drawn: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "_ANSWER_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        address = f"tcp://127.0.0.1:{deaf.getsockname()[1]}"
+        for given in (address, "nonsense", "x://1:2"):
+            code, out, err = run("batch", drawn, "--out", "runs", "--scheduler", given)
+            assert (code, out) == (2, "")
+            assert f"--scheduler = '{given}'" in err
+            assert "answers within 0.3 s" in err
+
+
+def test_workers_of_another_version_are_refused(client: Client, undisturbed: pd.DataFrame) -> None:
+    def pretend(version: str) -> None:
+        workers.__version__ = version
+
+    here = workers.__version__
+    client.run(pretend, "0.0.7")
+    try:
+        with (
+            pytest.raises(InputError, match=r"version of twosra_mpc = '0.0.7'"),
+            cluster_at(client.scheduler.address),
+        ):
+            pass
+    finally:
+        client.run(pretend, here)
+    with cluster_at(client.scheduler.address) as connected:  # now it is a cluster like any other
+        assert len(connected.nthreads()) == 2
+
+
+def test_a_worker_of_another_version_that_comes_later_is_refused(client: Client) -> None:
+    problems = Problems(Spec(scenario="rigid-move"), Path()).posed(np.zeros(1, dtype=bool))
+    with pytest.raises(InputError, match="version of a worker"):
+        list(planned(client, problems, Asked("optimal", False, version="0.0.7")))
+
+
+def test_workers_of_several_threads_are_refused() -> None:
+    with (
+        LocalCluster(
+            *("threads", 1, 2), processes=False, dashboard_address=":0", protocol="tcp"
+        ) as cluster,
+        pytest.raises(InputError, match="--nthreads 1"),
+        cluster_at(cluster.scheduler_address),
+    ):
+        pass
 
 
 def test_other_folders_are_left_alone(run: Run, drawn: Path, tmp_path: Path) -> None:

@@ -6,12 +6,14 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from conftest import Run
+from distributed import Client, LocalCluster
 from matplotlib.figure import Figure
 from once import solved
 from test_cli_output import examples
@@ -19,8 +21,7 @@ from test_cli_output import examples
 from twosra_mpc import Plan, Problem, Result, load_problem, load_robot, plotting
 from twosra_mpc.cli import options
 from twosra_mpc.lab.batch import workers
-from twosra_mpc.lab.batch.chunk import Asked, Chunk, plan_chunk
-from twosra_mpc.lab.batch.problems import Posed, Problems
+from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
 from twosra_mpc.lab.reproduction.random_problems import Kind, RandomRun, random_runs
@@ -96,7 +97,7 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
     monkeypatch.setattr(options, "load_problem", load_briefly)
-    monkeypatch.setattr(workers, "planned", planned_here)
+    monkeypatch.setattr(workers, "local_cluster", cluster_here)
     monkeypatch.setattr(plotting, "plot_plan", blank)
     monkeypatch.setattr(statistics, "random_runs", few_runs)
     monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
@@ -117,9 +118,14 @@ def blank(_: Plan, path: Path | None = None) -> Figure:
     return figure
 
 
-def planned_here(posed: Iterator[Posed], asked: Asked, _workers: int | None) -> Iterator[Chunk]:
-    """Plan in this process, which need not import all that there is."""
-    yield plan_chunk(list(posed), asked)
+@contextmanager
+def cluster_here(_workers: int | None) -> Iterator[Client]:
+    """A worker in this process, which need not import all that there is."""
+    with (
+        LocalCluster(1, 1, processes=False, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
 
 
 def few_runs(_problems: int, kind: Kind) -> list[RandomRun]:

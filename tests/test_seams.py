@@ -58,6 +58,8 @@ ALLOWED = {
     "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),
     "mcap_ros2": ("export/",),
+    "dask": ("lab/batch/",),
+    "distributed": ("lab/batch/",),
     "pyarrow": ("lab/batch/",),
     "pandas": ("lab/batch/",),
     "click": ("cli/", "lab/commands/"),

@@ -11,7 +11,7 @@ from twosra_mpc.errors import MISSING, InputError
 
 __version__ = "0.1.0"  # written here, and read by what builds the package
 DISTRIBUTION = "twosra-mpc"
-BATCH = ("pandas", "pyarrow")  # packages that it needs
+BATCH = ("distributed", "pandas", "pyarrow")  # packages that it needs
 _MODULES = {  # package -> its module, where that is called otherwise
     **{"mcap-ros2-support": "mcap_ros2", "pyserial": "serial"},
     **{"python-flint": "flint", "scikit-image": "skimage"},

@@ -1,4 +1,4 @@
-"""Thousands of plans: what to plan as a file, in all cores, into one table."""
+"""Thousands of plans: what to plan as a file, on a Dask cluster, into one table."""
 
 from twosra_mpc.lab.batch.table import read_runs
 

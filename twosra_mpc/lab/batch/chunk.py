@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from twosra_mpc.analysis.critical_path import critical_path
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import reading
+from twosra_mpc.installation import __version__
 from twosra_mpc.lab.batch.problems import Document, Posed
 from twosra_mpc.lab.batch.spec import Planner
 from twosra_mpc.lab.batch.table import GREEDY_COLUMNS
@@ -22,10 +23,11 @@ Row = dict[str, Any]
 
 
 class Asked(NamedTuple):
-    """Request for every problem: by which planner, and whether plan files are written."""
+    """Request for every problem, and the version of the package that makes it."""
 
     planner: Planner
     plans: bool
+    version: str = __version__
 
 
 class Chunk(NamedTuple):
@@ -43,7 +45,13 @@ class Chunk(NamedTuple):
 
 
 def plan_chunk(posed: Sequence[Posed], asked: Asked) -> Chunk:
-    """Plan problems one after the other; whatever is wrong with one is said in its row."""
+    """Plan problems one after the other; whatever is wrong with one is said in its row.
+
+    Raises:
+        InputError: If this is another version of the package than the one that asks.
+    """
+    if asked.version != __version__:
+        raise InputError("version of a worker", __version__, asked.version)
     started, rows, plans = time.perf_counter(), list[Row](), dict[str, str]()
     for one in posed:
         rows.append({"problem": one.number, **one.varied})

@@ -1,137 +1,190 @@
-"""Chunks of problems in processes of this machine: which are planned, retried and balanced."""
+"""Chunks of problems on a Dask cluster: alone it knows Dask, which plans, retries and balances."""
 
 from __future__ import annotations
 
+import asyncio
 import itertools
-import os
+import logging
 import signal
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import active_children, get_context, parent_process, resource_tracker
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from multiprocessing import resource_tracker
+from tempfile import TemporaryDirectory
 
+import dask
+from distributed import Client, Future, KilledWorker, LocalCluster, Worker, as_completed, rpc
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.installation import __version__
 from twosra_mpc.lab.batch.chunk import Asked, Chunk, failed, plan_chunk
 from twosra_mpc.lab.batch.problems import Posed
 
 CHUNK_S = 1.0  # what a task should take
 _FIRST, _MOST = 2, 500  # problems in the first chunks, and at most
 _EACH = 2  # chunks on their way for each worker: one is planned, one waits
+_ANSWER_S = 10.0
+_LOOPBACK = "127.0.0.1"  # neither scheduler nor dashboard asks who is there
 # Numerical libraries would start a thread for every core in every worker.
 _ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
-Submit = Callable[[list[Posed], Asked], Future[Chunk]]
+_scratch = partial(TemporaryDirectory, prefix="twosra-batch-", ignore_cleanup_errors=True)
+
+# 100 looks a second at every process, and 50 ticks, cost 4 % of a core with two workers.
+_SELDOM = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms"}
 
 
-def planned(posed: Iterator[Posed], asked: Asked, workers: int | None) -> Iterator[Chunk]:
-    """Plan problems in processes; yields what chunks of them came to, as they finish.
+@contextmanager
+def local_cluster(workers: int | None) -> Iterator[Client]:
+    """Start workers on this machine, each a process of one thread; by default one a core."""
+    with _quiet(), _scratch() as folder, ExitStack() as stack:
+        stack.enter_context(dask.config.set(_SELDOM | {"temporary-directory": folder}))
+        with _interrupts_not_for_children():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host=_LOOPBACK,
+                dashboard_address=f"{_LOOPBACK}:0",
+                env=_ONE_CORE,
+                silence_logs=logging.CRITICAL,
+            )
+            stack.enter_context(cluster)
+        yield stack.enter_context(Client(cluster, set_as_default=False))
 
-    Where a process dies, all that was on its way is planned once more, one at a time: problems that
-    end a process again are called failed.
 
-    Args:
-        posed: The problems.
-        asked: How they are planned.
-        workers: Processes of one thread each; None: one a core.
+@contextmanager
+def cluster_at(scheduler: str) -> Iterator[Client]:
+    """Connect to a Dask scheduler, and check it and its workers.
+
+    Raises:
+        InputError: If it does not answer, it or a worker has another version of this package, or a
+            worker several threads.
+    """
+    with _quiet():
+        try:
+            asyncio.run(_identity(scheduler))
+        except Exception as error:  # who knows what a server answers that is no scheduler
+            reason = str(error) or type(error).__name__
+            allowed = f"tcp://host:port of one that answers within {_ANSWER_S:zg} s ({reason})"
+            raise InputError("--scheduler", scheduler, allowed) from error
+        with Client(scheduler, set_as_default=False) as client:
+            _check_versions(client, scheduler)
+            yield client
+
+
+def planned(client: Client, posed: Iterator[Posed], asked: Asked) -> Iterator[Chunk]:
+    """Plan problems on a cluster; yields what chunks of them came to, as they finish.
+
+    What a dying worker was at, Dask gives to another one. Problems that took several workers with
+    them in a row are planned once more in the end, one at a time: those that do it again are
+    called failed.
+
+    Raises:
+        InputError: If the scheduler goes, or a worker of another version has come.
     """
     suspects: list[Posed] = []
-    while True:
-        yield from _together(posed, asked, workers or os.cpu_count() or 1, suspects)
-        if not suspects:
-            return
-        yield from _alone(iter(suspects), asked)
-        suspects.clear()
+    try:
+        yield from _together(client, posed, asked, suspects)
+        for one in suspects:
+            try:
+                yield client.submit(plan_chunk, [one], asked, pure=False).result()
+            except KilledWorker as error:
+                yield failed(one, asked, f"every worker that planned it died: {error}")
+    except CancelledError as error:
+        address = client.scheduler.address if client.scheduler else "unknown"
+        allowed = "a scheduler that stays; what is finished is kept, the same command goes on"
+        raise InputError("--scheduler", address, allowed) from error
 
 
 def _together(
-    posed: Iterator[Posed], asked: Asked, workers: int, suspects: list[Posed]
+    client: Client, posed: Iterator[Posed], asked: Asked, suspects: list[Posed]
 ) -> Iterator[Chunk]:
-    """Plan until there are no more problems, or until a process dies with what is added then."""
+    """Plan all but problems that kill workers; these are added to the suspects."""
     flying: dict[Future[Chunk], list[Posed]] = {}
+    finished = as_completed(loop=client.loop)
     size = _FIRST
-    with _processes(workers) as submit:
-        while True:
-            while not suspects and len(flying) < _EACH * workers:
-                if not (chunk := list(itertools.islice(posed, size))):
-                    break
-                try:
-                    flying[submit(chunk, asked)] = chunk
-                except BrokenProcessPool:
-                    suspects += chunk
-            if not flying:
-                return
-            for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                chunk = flying.pop(future)
-                try:
-                    found = future.result()
-                except BrokenProcessPool:
-                    suspects += chunk
-                    continue
-                size = max(1, min(_MOST, round(len(chunk) * CHUNK_S / found.wall_s)))
-                yield found
+
+    def fill() -> None:
+        most = _EACH * max(1, len(client.nthreads()))
+        while len(flying) < most and (chunk := list(itertools.islice(posed, size))):
+            future = client.submit(plan_chunk, chunk, asked, pure=False)
+            flying[future] = chunk
+            finished.add(future)
+
+    fill()
+    for future in finished:
+        chunk = flying.pop(future)
+        try:
+            found = future.result()
+        except KilledWorker:
+            suspects += chunk
+            fill()
+            continue
+        size = max(1, min(_MOST, round(len(chunk) * CHUNK_S / found.wall_s)))
+        fill()
+        yield found
 
 
-def _alone(suspects: Iterator[Posed], asked: Asked) -> Iterator[Chunk]:
-    """Plan problems one at a time, each in a process that none has ended before."""
-    while (one := next(suspects, None)) is not None:
-        with _processes(1) as submit:
-            while one is not None:
-                try:
-                    yield submit([one], asked).result()
-                except BrokenProcessPool:
-                    yield failed(one, asked, "every process that planned it died")
-                    break
-                one = next(suspects, None)
+async def _identity(address: str) -> None:
+    """Ask a scheduler who it is; a Client that fails takes half a minute to go."""
+    async with asyncio.timeout(_ANSWER_S), rpc(address) as scheduler:
+        await scheduler.identity()
 
 
-@contextmanager
-def _processes(count: int) -> Iterator[Submit]:
-    """Processes that plan chunks; they never see Ctrl-C, and are gone at the end, busy or not."""
-    others = {process.pid for process in active_children()}
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _end_with_parent)
+def about_worker(dask_worker: Worker) -> tuple[str, int]:
+    """Version of this package on a worker, and how many threads it has."""
+    return __version__, dask_worker.state.nthreads
 
-    def submit(posed: list[Posed], asked: Asked) -> Future[Chunk]:
-        with _inherited():  # by the process that this may start
-            return pool.submit(plan_chunk, posed, asked)
 
+def about_scheduler() -> tuple[str, int]:
+    """Version of this package on a scheduler, which reads tasks, too."""
+    return __version__, 1
+
+
+def _check_versions(client: Client, scheduler: str) -> None:
+    found = client.run(about_worker, on_error="return")
     try:
-        yield submit
-    finally:
-        for process in active_children():
-            if process.pid not in others:
-                process.terminate()
-        pool.shutdown(cancel_futures=True)
-
-
-def _end_with_parent() -> None:
-    """End this process when the one that started it ends, even by ``kill -9``."""
-    parent = parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+        found[scheduler] = client.run_on_scheduler(about_scheduler)
+    except Exception as error:  # whatever it lacks
+        found[scheduler] = error
+    for address, told in found.items():
+        who = "scheduler" if address == scheduler else "worker"
+        if isinstance(told, Exception):
+            raise InputError(f"{who} {address}", str(told), f"one with twosra_mpc {__version__}")
+        version, threads = told
+        if version != __version__:
+            allowed = f"{__version__}, the version here: plans of two versions are no table"
+            raise InputError(f"{who} {address}: version of twosra_mpc", version, allowed)
+        if threads != 1:
+            raise InputError(f"{who} {address}: threads", threads, "1: dask worker --nthreads 1")
 
 
 @contextmanager
-def _inherited() -> Iterator[None]:
-    """Have processes that are started use one core, and never see Ctrl-C, which waits meanwhile.
+def _quiet() -> Iterator[None]:
+    """Nobody needs to know of taken ports or restarted workers: results say what is wrong."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            yield
+    finally:
+        logging.disable(before)
 
-    They inherit the environment and the mask of signals.
+
+@contextmanager
+def _interrupts_not_for_children() -> Iterator[None]:
+    """Have processes that are started never see Ctrl-C: this one ends them. One meanwhile waits.
+
+    They inherit the mask of signals. So does the thread that starts others in their place.
     """
-    outside = {name: os.environ.get(name) for name in _ONE_CORE}
-    masks = hasattr(signal, "pthread_sigmask")
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
     resource_tracker.ensure_running()  # would start with the first of them, and drop the mask
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
-    os.environ.update(_ONE_CORE)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        for name, value in outside.items():
-            del os.environ[name]
-            os.environ.update({} if value is None else {name: value})
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,10 +33,12 @@ _PLANNERS = click.Choice(["optimal", "greedy", "both"])
 @click.option("--planner", type=_PLANNERS, help="Override the spec.")
 @click.option("--plans", is_flag=True, default=None, help="Write plan files, too.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes here; default: one a core.")
+@click.option("--scheduler", metavar="URL", help="Plan on a Dask cluster, e.g. tcp://host:8786.")
 def batch_command(
     spec: Path,
     out: Path,
     workers: int | None,
+    scheduler: str | None,
     output: Output,
     **overrides: Any,
 ) -> int:
@@ -44,12 +47,14 @@ def batch_command(
     \b
     A thousand random problems on all cores:
       twosra batch random.toml --out runs
-    The same problems by the greedy rule as well, with all plan files, on three cores:
-      twosra batch random.toml --out both --planner both --plans --workers 3
+    The same problems by the greedy rule as well, with all plan files, on a cluster:
+      twosra batch random.toml --out both --planner both --plans --scheduler tcp://host:8786
 
     Whatever ends it, the same command goes on with what is not planned yet. RUNS/runs.parquet is
     the table in the end, a row a problem; a problem without a plan has a row that says why.
     """
+    if scheduler is not None and workers is not None:
+        raise click.UsageError("--workers are processes here; a --scheduler has its own")
     require("twosra batch", "batch", *BATCH)
     from twosra_mpc.lab.batch.problems import Problems
     from twosra_mpc.lab.batch.spec import spec_in
@@ -63,9 +68,9 @@ def batch_command(
     done, started = folder.done(), time.perf_counter()
     try:
         with noted_interrupts() as interrupts:
-            for chunk in _planned(problems, done, workers, output):
+            for chunk in _planned(problems, done, workers, scheduler, output):
                 folder.add(chunk)
-                interrupts.check()
+                interrupts.check()  # an exception may be lost in a callback of Dask
         folder.finish()
     except KeyboardInterrupt:
         told = f"{folder.done().sum()} of {len(problems)} problems are planned"
@@ -76,17 +81,26 @@ def batch_command(
 
 
 def _planned(
-    problems: Problems, done: NDArray[np.bool_], workers: int | None, output: Output
+    problems: Problems,
+    done: NDArray[np.bool_],
+    workers: int | None,
+    scheduler: str | None,
+    output: Output,
 ) -> Iterator[Chunk]:
     """Yield what problems that are not done come to; show how far it is."""
     if done.all():
         return
     from twosra_mpc.lab.batch.chunk import Asked
-    from twosra_mpc.lab.batch.workers import planned
+    from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
 
     asked = Asked(problems.spec.planner, problems.spec.plans)
-    with _bar(output, len(problems), int(done.sum())) as advance:
-        for chunk in planned(problems.posed(done), asked, workers):
+    with (
+        _bar(output, len(problems), int(done.sum())) as advance,
+        local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
+    ):
+        if scheduler is None and find_spec("bokeh") is not None and not output.quiet:
+            click.echo(f"twosra: dashboard: {client.dashboard_link}", err=True)
+        for chunk in planned(client, problems.posed(done), asked):
             yield chunk
             advance(len(chunk.rows))
 
