@@ -179,7 +179,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 # --- overrides of a scenario ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["plan", "explain", "simulate"])
+@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
 def test_a_path_model_that_there_is_not_is_refused_wherever_one_can_be_given(
     name: str, run: Run
 ) -> None:
@@ -196,7 +196,7 @@ def test_the_path_model_asked_for_is_planned_with(run: Run) -> None:
         assert made["scenario"]["gap"] == 0.05
 
 
-@pytest.mark.parametrize("name", ["plan", "explain", "simulate"])
+@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
 def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
     known = {opt for param in command(name).params for opt in param.opts}
     assert {"--robot", "--timing", "--gap", "--time-limit"} <= known
@@ -228,6 +228,7 @@ def test_a_table_in_a_pipe_is_what_rich_draws(
 NARROW: list[list[str]] = [
     ["plan", "paper-2", "--timing", "paper"],
     ["plan", "blocked"],
+    ["compare", "paper-2", "rigid-move"],
     ["explain", "paper-2"],
     ["simulate", "rigid-move"],
     ["check-robot", "2sra-v1"],
@@ -262,6 +263,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
+    (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),

@@ -26,10 +26,14 @@ def test_commands_are_completed() -> None:
     assert completions("") == (commands.list_commands(context), False)
 
 
-@pytest.mark.parametrize("command", ["plan", "explain", "simulate"])
+@pytest.mark.parametrize("command", ["plan", "explain", "compare", "simulate"])
 def test_scenarios_are_completed_beside_files(command: str) -> None:
     assert completions(command, "") == (built_in_names("scenarios"), True)
     assert completions(command, "paper-") == ([f"paper-{n}" for n in range(1, 6)], True)
+
+
+def test_every_scenario_of_several_is_completed() -> None:
+    assert completions("compare", "paper-1", "paper-2", "rig") == (["rigid-move"], True)
 
 
 @pytest.mark.parametrize(

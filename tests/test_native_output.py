@@ -30,6 +30,7 @@ TWOSRA = [sys.executable, "-m", "twosra_mpc"]
 QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
+    "compare": ("shape-change", 0),
     "batch": ("plan.json --out runs", 2),  # what its workers print: test_batch
     "verify": ("plan.json", 0),
     "resample": ("plan.json out.csv --rate 1", 0),

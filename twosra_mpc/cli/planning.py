@@ -148,8 +148,9 @@ def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
     yield "verification", f"{verdict} (largest goal error {goal:z.1e} m, rad or 1/m)"
 
 
-def exit_code(result: Result) -> int:
-    """Exit code of a command that plans this."""
-    if result.status is Status.INFEASIBLE:
+def exit_code(*results: Result) -> int:
+    """Exit code of a command that plans these: of the worst of them."""
+    if any(result.status is Status.INFEASIBLE for result in results):
         return EXIT_INFEASIBLE
-    return EXIT_PLANNED if result.found and not result.stopped_early else EXIT_NO_PLAN
+    finished = all(result.found and not result.stopped_early for result in results)
+    return EXIT_PLANNED if finished else EXIT_NO_PLAN
