@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from twosra_mpc.lab.figures.paper_figures import plot_forward_kinematics
-from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
+from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.lab.reproduction.published_runs import StopReason
 from twosra_mpc.lab.reproduction.random_problems import RandomRun, random_runs
-from twosra_mpc.robot.modes import MODES, is_rigid, mode_name
+from twosra_mpc.robot.modes import is_rigid
 
 FIGURE = "forward-kinematics.png"
 _MOST_MODES = 4  # by the paper
@@ -23,7 +23,6 @@ def compute(folder: Path, tell: Tell, problems: int) -> Data:
     single, generic = random_runs(problems, "single-mode"), random_runs(problems, "generic")
     plot_forward_kinematics(folder / FIGURE)
     deviations = [one.fk_deviation for one in single]
-    groups = {mode_name(mode): [one for one in single if one.target_mode == mode] for mode in MODES}
     return {
         "problems": problems,
         **{f"single.{name}": share for name, share in _shares(single).items()},
@@ -34,7 +33,6 @@ def compute(folder: Path, tell: Tell, problems: int) -> Data:
         "fk_deviation_most": 100.0 * max(deviations),
         "slower_at_first": _share(single, lambda one: one.slower_at_first),
         "faster_later": _share(single, lambda one: one.faster_later),
-        "by_target": {name: _row(group) for name, group in {"all": single, **groups}.items()},
     }
 
 
@@ -52,32 +50,6 @@ def _shares(runs: Sequence[RandomRun]) -> dict[str, float]:
     }
 
 
-def _row(runs: Sequence[RandomRun]) -> list[str]:
-    """Number of runs; of those with 1 to 4 modes; of those rigid last; their iterations."""
-    modes, iterations = (
-        [len(one.run.sequence) for one in runs],
-        [one.run.iterations for one in runs],
-    )
-    counts = [
-        len(runs),
-        *(modes.count(count) for count in range(1, _MOST_MODES + 1)),
-        sum(is_rigid(one.run.sequence[-1]) for one in runs),
-        sum(is_rigid(one.run.every_mode[-1]) for one in runs),
-    ]
-    extent = [f"{np.median(iterations):z.0f}", str(max(iterations))] if runs else ["-", "-"]
-    return [*map(str, counts), *extent]
-
-
 def section(data: Data) -> Section:
     """Compare the statistics with what the paper says of its 100 simulations."""
-    return declared("statistics", data, (_table(data["by_target"]),), (FIGURE,))
-
-
-def _table(rows: dict[str, list[str]]) -> Table:
-    header = (
-        *("target by FK in mode", "problems"),
-        *(f"{count} mode{'s' * (count > 1)}" for count in range(1, _MOST_MODES + 1)),
-        *("rigid last (recorded)", "rigid last (all)", "iterations, median", "most"),
-    )
-    cells = tuple((name, *row) for name, row in rows.items())
-    return Table("The published planner, targets of FK", header, cells)
+    return declared("statistics", data, pictures=(FIGURE,))
