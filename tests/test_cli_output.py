@@ -23,6 +23,7 @@ import click
 import numpy as np
 import pytest
 from conftest import Run
+from heating import true_history, write_log
 from matplotlib.figure import Figure
 from melts import made_up
 from melts import write as write_rows
@@ -151,6 +152,12 @@ def test_simulations_are_json(run: Run) -> None:
     assert many["first_seed"] == 3
     assert [each["reached"] for each in many["runs"]] == [True, True]
     assert many["runs"][0]["time_s"] == one["metrics"]["time_s"]
+
+
+def test_a_scored_log_is_json(run: Run, tmp_path: Path) -> None:
+    log = write_log(true_history((40.0,)).log(1.0), tmp_path / "log.csv")
+    found = json.loads(run("fit-thermal", log, "--robot", "2sr-v2", "--score", "--json").out)
+    assert found[0]["residuals"]["rms_C"] > 0
 
 
 def test_quiet_prints_nothing_and_does_the_work(run: Run) -> None:
@@ -415,6 +422,7 @@ def examples_read(tmp_path_factory: pytest.TempPathFactory) -> Path:
         replace(found, certificate=proof).save(folder / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (folder / "my-robot.toml").write_text(robot, encoding="utf-8")
+    write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
     for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
         write_rows(rows, folder / file)
     write_map(folder, [[0, 255], [255, 255]])

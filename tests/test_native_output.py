@@ -14,8 +14,7 @@ from pathlib import Path
 
 import click
 import pytest
-from melts import made_up
-from melts import write as write_rows
+from heating import true_history, write_log
 from once import solved
 from photographs import write_folder
 from test_occupancy_map import write_map
@@ -30,14 +29,12 @@ TWOSRA = [sys.executable, "-m", "twosra_mpc"]
 QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
-    "compare": ("shape-change", 0),
     "batch": ("plan.json --out runs", 2),  # what its workers print: test_batch
     "verify": ("plan.json", 0),
     "resample": ("plan.json out.csv --rate 1", 0),
     "export": ("plan.json out.csv", 0),
     "report": ("plan.json out.html", 0),
     "animate": ("plan.json out.gif --seconds 1", 0),
-    "figures": ("plan.json", 2),  # a file; the figures themselves take a minute
     "reproduce": ("--out plan.json", 2),  # likewise
     "stream": ("plan.json --dry-run", 0),
     "jog": ("--robot 2sra-v1 --forward 0.01 --for 2 --cold --dry-run", 0),
@@ -48,7 +45,7 @@ QUICK: dict[str, tuple[str, int]] = {
     "new": ("scenario mine", 0),
     "check-robot": ("2sra-v1", 0),
     "fit-paths": ("2sra-v1-paper", 0),
-    "fit-thermal": ("melts.csv --readings readings.csv --robot 2sr-v2", 0),
+    "fit-thermal": ("heating.csv --robot 2sr-v2 --score", 0),
     "estimate-curvature": ("shots --scale .005 --length .04 --towards 39,35", 0),
     "import-map": ("map.yaml", 0),
     "schema": ("scenario", 0),
@@ -90,8 +87,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the commands read."""
     folder = tmp_path_factory.mktemp("folder")
     solved("rigid-move").save(folder / "plan.json")
-    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
-        write_rows(rows, folder / file)
+    write_log(true_history((40.0,)).log(0.5), folder / "heating.csv")
     write_map(folder, [[0, 255], [255, 255]])
     write_folder(folder / "shots", [-30.0, 20.0])
     (folder / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")

@@ -14,25 +14,15 @@ import pytest
 import tomlkit
 from conftest import Run
 from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, course, made_up, of_both, write
-from scipy.integrate import solve_ivp
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.files import locate
-from twosra_mpc.lab.identification.fitted_segment import FITTED
-from twosra_mpc.lab.identification.identified_robot import write_identified_robot
-from twosra_mpc.lab.identification.plausibility import doubts
-from twosra_mpc.lab.identification.thermal_course import SensorLag, TwoNodePlant
 from twosra_mpc.lab.identification.transition_fit import (
     LoggedTransition,
     TransitionFit,
     identify_transitions,
     read_transitions,
 )
-from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.segment import TwoNodeSegment
-from twosra_mpc.thermal.two_node import TwoNode
-
-SEGMENT = TwoNode(*TRUE.values(), 1.0, 1.0, 0.0, 1.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +89,7 @@ def test_ranges_of_the_built_in_robot_hold_each_segments_own_crossings(
 
 
 def test_ranges_hold_every_fit_and_are_as_wide_as_logs_differ(fit: TransitionFit) -> None:
-    for name in FITTED:
+    for name in fit.fitted:
         low, high = fit.segment.ranges[name]
         value = getattr(fit.segment, name)
         assert low <= 0.7001 * value <= 1.2999 * value <= high
@@ -246,84 +236,6 @@ def test_the_command_tells_every_transition_and_writes_the_robot(
     assert [row["left_out_s"] for row in found["transitions"]] == [
         each_one.left_out_s for each_one in fit.predictions
     ]
-
-
-# --- the pieces against independent integration --------------------------------------------------
-
-
-def test_two_nodes_take_the_steps_of_the_differential_equation() -> None:
-    p, a, beta, b = TRUE.values()
-    duty = np.random.default_rng(0).random(60)
-    states = TwoNodePlant(SEGMENT, 0.5).driven(10.0, 4.0, duty)
-    x = np.array([10.0, 4.0])
-    for k, u in enumerate(duty):
-        done = solve_ivp(
-            lambda _, x, u=u: [p * u - a * (x[0] - x[1]), a / beta * (x[0] - x[1]) - b * x[1]],
-            (0.0, 0.5),
-            x,
-            rtol=1e-10,
-            atol=1e-10,
-        )
-        x = done.y[:, -1]
-        assert states[k + 1] == pytest.approx(x, rel=1e-8)
-
-
-def test_the_body_of_a_led_core_is_the_body_of_a_driven_one() -> None:
-    plant = TwoNodePlant(SEGMENT, 0.5)
-    core, body = plant.driven(30.0, 10.0, np.linspace(0.0, 0.4, 200)).T
-    assert plant.led(10.0, core) == pytest.approx(body, abs=1e-3)
-
-
-def test_the_sensor_is_two_lags_behind_a_share_of_the_core() -> None:
-    sensor, time_s = SensorLag(0.75, 2.8, 0.5), 0.5 * np.arange(200)
-    core = 30.0 + 10.0 * np.sin(time_s / 7)
-    first, second = sensor.follow(core, 20.0, 18.0).T
-
-    def rate(t: float, lags: Array) -> list[float]:
-        contact = 0.75 * np.interp(t, time_s, core)
-        return [(contact - lags[0]) / 2.8, (lags[0] - lags[1]) / 2.8]
-
-    done = solve_ivp(rate, (0.0, time_s[-1]), (20.0, 18.0), t_eval=time_s, max_step=0.1)
-    assert first == pytest.approx(done.y[0], abs=2e-3)
-    assert second == pytest.approx(done.y[1], abs=7e-3)
-
-
-# --- the robot file ------------------------------------------------------------------------------
-
-
-def test_the_robot_file_carries_the_fit_and_keeps_its_comments(
-    fit: TransitionFit, tmp_path: Path
-) -> None:
-    write_identified_robot("2sr-v2", tmp_path / "mine.toml", fit)
-    assert load_robot(tmp_path / "mine.toml") == ROBOT.with_values(segment=fit.segment)
-    before = locate("2sr-v2", "robots", "robot").read_text(encoding="utf-8")
-    after = (tmp_path / "mine.toml").read_text(encoding="utf-8")
-    for line in before.splitlines():
-        if "#" in line:
-            assert line[line.index("#") :] in after
-    assert "identified anew from 12 transitions of melts.csv" in after
-
-
-def test_ranges_are_added_to_a_robot_file_without(fit: TransitionFit, tmp_path: Path) -> None:
-    text = locate("2sr-v2", "robots", "robot").read_text(encoding="utf-8")
-    start, end = text.index("[segment.ranges]"), text.index("[timing.nominal]")
-    (tmp_path / "bare.toml").write_text(text[:start] + text[end:], encoding="utf-8")
-    write_identified_robot(tmp_path / "bare.toml", tmp_path / "mine.toml", fit)
-    found = load_robot(tmp_path / "mine.toml").segment
-    assert found is not None
-    assert found.ranges == {name: fit.segment.ranges[name] for name in FITTED}
-
-
-def test_a_json_robot_is_not_rewritten(fit: TransitionFit, tmp_path: Path) -> None:
-    (tmp_path / "robot.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(InputError, match="a TOML file"):
-        write_identified_robot(tmp_path / "robot.json", tmp_path / "mine.toml", fit)
-
-
-def test_findings_unlike_the_robots_file_are_warned_of() -> None:
-    own = ROBOT.thermal_segment(0)
-    assert isinstance(own, TwoNodeSegment)
-    assert doubts(ROBOT, own) == []
-    slow = own.with_values(power_K_per_s=own.power_K_per_s / 2, body_loss_per_s=0.02)
-    found = doubts(ROBOT, slow)
-    assert [words.split()[0] for words in found] == ["power_K_per_s", "body_loss_per_s"]
+    code, _, err = run(*given, "--score")
+    assert code == 2
+    assert "--readings goes with" in err

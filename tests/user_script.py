@@ -70,7 +70,7 @@ from twosra_mpc.execution.tracking import (
     TrackerLimits,
     TrackerWeights,
 )
-from twosra_mpc.lab.identification import TransitionFit, identify_transitions, read_transitions
+from twosra_mpc.lab.identification import HeatingLog, identify, read_heating_log
 from twosra_mpc.plotting import animate_plan, plot_plan
 
 robot: Robot = load_robot("2sra-v1")
@@ -127,8 +127,8 @@ finer: Plan = refined(made, 1e-3)
 save_setpoints(made, Path("setpoints.csv"), rate_Hz=10.0)
 check_plan("plan.json")
 print(explain(problem), load_plan("plan.json").gap, robot_shape(robot.geometry, [0.0] * 5))
-logged = read_transitions("melts.csv", "readings.csv", 2)
-fitted: TransitionFit = identify_transitions(logged, robot, "melts.csv")
+log: HeatingLog = read_heating_log("log.csv")
+identify(log, robot)
 spirals: Robot = with_path_model(robot, "log_spiral")
 
 model = kinematics(robot)

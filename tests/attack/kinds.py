@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from heating import true_history, write_log
 from melts import made_up, write
 from photographs import LENGTH_M, SCALE_M, write_folder
 from PIL import Image
@@ -196,6 +197,12 @@ def _scenario(arguments: list[str]) -> None:
 
 
 @cache
+def _heating() -> tuple[bytes, ...]:
+    log = true_history((30.0, 20.0)).log(rate_Hz=2.0)
+    return (_written(partial(write_log, log)),)
+
+
+@cache
 def _melts() -> tuple[tuple[bytes, ...], tuple[bytes, ...]]:
     logged, readings = (_written(partial(write, rows)) for rows in made_up())
     return (logged,), (readings,)
@@ -252,6 +259,9 @@ KINDS = {
     "photograph": Kind(".png", _photographs, lambda path: (str(path),), _estimate),
     "references": Kind(
         ".csv", lambda: (b"kappa_per_m\n21.5\n",), lambda path: (str(path),), _estimate
+    ),
+    "heating log": Kind(
+        ".csv", _heating, lambda path: ("fit-thermal", str(path), "--robot", "2sr-v2", "--score")
     ),
     "melts": Kind("-melts.csv", lambda: _melts()[0], lambda path: (str(path),), _fit),
     "readings": Kind("-readings.csv", lambda: _melts()[1], lambda path: (str(path),), _fit),

@@ -7,40 +7,58 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import FILE, ROBOT, command, file_option
-from twosra_mpc.cli.output import Output, counting, print_table
-from twosra_mpc.lab.identification import plausibility
-from twosra_mpc.lab.identification.fitted_segment import FITTED, two_node_segment
+from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.output import Output, counting, digits, print_table
+from twosra_mpc.lab.identification import plausibility, thermal_fit
+from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.identified_robot import write_identified_robot
+from twosra_mpc.lab.identification.log_fit import Residuals
+from twosra_mpc.lab.identification.log_response import CORRECTED_S
 from twosra_mpc.lab.identification.transition_fit import (
     SHORTEST_S,
     TransitionFit,
     identify_transitions,
     read_transitions,
 )
-from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.segment import TwoNodeSegment
 
+Scores = list[tuple[HeatingLog, thermal_fit.Score]]
+
+_WARM_K = 1.0  # a first reading this far above the air is worth a word
 _NAMES = {
     "power_K_per_s": "full power [K/s]",
     "coupling_per_s": "core to body [1/s]",
     "body_ratio": "heat of body / of core",
     "body_loss_per_s": "body to air [1/s]",
+    "sensor_lag_s": "sensor lag, twice [s]",
+    "law_gain_per_K": "heater law: K_p [1/K]",
+    "law_duty_at_54C": "heater law: duty at 54 C",
 }
+
+_HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
 
 @command("fit-thermal")
 @click.argument("log", type=FILE)
 @click.option(
-    "--readings",
-    type=FILE,
-    required=True,
-    help="Temperatures meanwhile (transition, time_s, reading1_C, ...).",
-)
-@click.option(
     "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
 )
+@click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
 @file_option("--out", "Write a robot file with the fit.")
+@plot_option("Draw the fit")
+@click.option(
+    "--held-out",
+    "others",
+    multiple=True,
+    type=FILE,
+    help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
+)
+@click.option(
+    "--readings",
+    type=FILE,
+    help="LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...).",
+)
 @click.option(
     "--segment",
     type=click.IntRange(min=1),
@@ -49,32 +67,101 @@ _NAMES = {
     metavar="N",
     help="Which one, of a robot whose file lists its segments.",
 )
+@click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
 def fit_thermal_command(
-    log: Path, readings: Path, robot: str, out: Path | None, segment: int, output: Output
+    log: Path,
+    robot: str,
+    ambient_C: float | None,
+    out: Path | None,
+    plot: Path | None,
+    others: tuple[Path, ...],
+    readings: Path | None,
+    segment: int,
+    only_score: bool,
+    output: Output,
 ) -> None:
-    """Identify the segments of a robot from LOG, a CSV file of its melts and freezes.
+    """Identify the segments of a robot from LOG, a CSV file of heating and cooling, or of melts.
 
-    LOG has the columns transition, target1, target2 (1 soft), kind (melt, freeze) and duration_s. A
-    log in wrong units or with swapped labels, or a fit that tells nothing, is refused: no file is
-    written.
+    LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling); or, with
+    --readings, transition, target1, target2 (1 soft), kind (melt, freeze) and duration_s. A log in
+    wrong units or with swapped labels, or a fit that tells nothing, is refused: no file is written.
 
     \b
-    Fit the segments of a robot in use:
+    Fit the robot's segment, and see how well each cycle is told by the others:
+      twosra fit-thermal heating.csv --robot 2sr-v2 --out fitted.toml --plot fit.png
+    How well does the robot as it is explain a log?
+      twosra fit-thermal heating.csv --robot 2sr-v2 --score
+    Fit the durations of melts and freezes of a robot in use:
       twosra fit-thermal melts.csv --readings readings.csv --robot 2sr-v2 --out fitted.toml
     """
     described = load_robot(robot)
-    logged = read_transitions(log, readings, described.geometry.segments)
+    if readings is not None:
+        if only_score or others or plot or ambient_C is not None:
+            raise click.UsageError("--readings goes with --robot and --out only")
+        _fit_transitions(log, readings, described, robot, segment - 1, out, output)
+        return
+    if only_score and (out or plot):
+        raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
+    recorded = read_heating_log(log, ambient_C)
+    unseen = [read_heating_log(path) for path in others]
+    if only_score:
+        own = thermal_fit.two_node_segment(described, segment - 1)
+        scores = [(each, thermal_fit.score(each, own)) for each in (recorded, *unseen)]
+        output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
+        return
     with output.progress("fitting") as tell:
-        count = counting(tell, "fitting: fit")
-        fit = identify_transitions(logged, described, str(log), count, segment - 1)
+        told = counting(tell, "fitting: fit")
+        fit = thermal_fit.identify(recorded, described, told, segment - 1)
         if out is not None:
             write_identified_robot(robot, out, fit, segment - 1)
-    own = two_node_segment(described, segment - 1)
-    doubts = plausibility.doubts(described, fit.segment, segment - 1)
-    output.report(lambda: {**_document(fit), "warnings": doubts}, lambda: _print(fit, own, doubts))
+        if plot is not None:
+            from twosra_mpc.lab.figures.thermal_fit_figure import plot_thermal_fit
+
+            plot_thermal_fit(fit, plot)
+    scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]
+    own, air_C = thermal_fit.two_node_segment(described, segment - 1), recorded.ambient_C
+    doubts = plausibility.doubts(described, fit.segment, fit.fitted, air_C, segment - 1)
+    doubts += plausibility.holds_called_heating(recorded)
+
+    def tables() -> None:
+        _print_fit(recorded, fit, own, scores)
+        _print_doubts(doubts)
+
+    output.report(lambda: {**_document(fit, scores), "warnings": doubts}, tables)
 
 
-def _document(fit: TransitionFit) -> dict[str, Any]:
+def _fit_transitions(
+    log: Path,
+    readings: Path,
+    robot: Robot,
+    source: str,
+    segment: int,
+    out: Path | None,
+    output: Output,
+) -> None:
+    """Fit melts and freezes, and tell every one of them."""
+    logged = read_transitions(log, readings, robot.geometry.segments)
+    with output.progress("fitting") as tell:
+        told = counting(tell, "fitting: fit")
+        fit = identify_transitions(logged, robot, str(log), told, segment)
+        if out is not None:
+            write_identified_robot(source, out, fit, segment)
+    own, air_C = thermal_fit.two_node_segment(robot, segment), robot.heater.ambient_C
+    doubts = plausibility.doubts(robot, fit.segment, fit.fitted, air_C, segment)
+
+    def tables() -> None:
+        _print_transitions(fit, own)
+        _print_doubts(doubts)
+
+    output.report(lambda: {**_transition_document(fit), "warnings": doubts}, tables)
+
+
+def _print_doubts(doubts: list[str]) -> None:
+    for doubt in doubts:
+        click.echo(f"Warning: {doubt}.")
+
+
+def _transition_document(fit: TransitionFit) -> dict[str, Any]:
     """The fit as plain data."""
     return {
         "log": fit.source,
@@ -97,9 +184,9 @@ def _document(fit: TransitionFit) -> dict[str, Any]:
     }
 
 
-def _print(fit: TransitionFit, own: TwoNodeSegment, doubts: list[str]) -> None:
+def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
     rows = []
-    for name in FITTED:
+    for name in fit.fitted:
         span = f"{fit.smallest[name]:z.4g} to {fit.largest[name]:z.4g}"
         known = f"{getattr(own, name):z.4g}"
         rows.append((_NAMES[name], f"{getattr(fit.segment, name):z.4g}", span, known))
@@ -120,5 +207,80 @@ def _print(fit: TransitionFit, own: TwoNodeSegment, doubts: list[str]) -> None:
         f" ten within {fit.quantile(0.9):z.1%}; {fit.within(0.35)} of {len(fit.predictions)} within"
         f" 35 %. What lasted less than {SHORTEST_S:zg} s is told, but not fitted."
     )
-    for doubt in doubts:
-        click.echo(f"Warning: {doubt}.")
+
+
+def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
+    """The fit as plain data; a number that is not known is null."""
+    return {
+        "log": fit.source,
+        "robot": fit.robot,
+        "segment": fit.segment.model_dump(mode="json"),
+        "parameters": fit.parameters,
+        "standard_errors": fit.standard_errors,
+        "residuals": fit.residuals,
+        "held_out": fit.held_out,
+        "own_residuals": fit.own_residuals,
+        "held_out_rms_C": fit.held_out_rms_C,
+        "scores": _scores(scores),
+    }
+
+
+def _scores(scores: Scores) -> list[dict[str, Any]]:
+    return [
+        {"log": log.source, "residuals": found.residuals, "law": found.law} for log, found in scores
+    ]
+
+
+def _print_fit(
+    log: HeatingLog, fit: thermal_fit.ThermalFit, own: TwoNodeSegment, scores: Scores
+) -> None:
+    _print_parameters(fit, own)
+    rows = [
+        ("as fitted", *_residuals(fit.residuals), digits(fit.held_out_rms_C, 3)),
+        (f"as in {fit.robot}, heater law fitted", *_residuals(fit.own_residuals), "-"),
+        *((f"as fitted, on {at.source}", *_residuals(of.residuals), "-") for at, of in scores),
+    ]
+    print_table(("residual of the segment", *_HEADER, "cycles left out, RMS [C]"), rows)
+    if fit.held_out:
+        left_out = [
+            (f"cycle {part.cycle + 1}", *_residuals(part.residuals)) for part in fit.held_out
+        ]
+        print_table(("left out of the fit", *_HEADER), left_out)
+    else:
+        click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
+    warm = log.despiked_C[0] - log.ambient_C
+    start = f" It starts {warm:z.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
+    click.echo(
+        f"Scored: {fit.residuals.points} points {fit.log.step_s:zg} s apart, heating and cooling; "
+        f"in a hold the power is unknown, and the first {CORRECTED_S:zg} s after it help to find "
+        f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:z.4g} C.{start}"
+    )
+
+
+def _print_scores(robot: Robot, scores: Scores) -> None:
+    rows = []
+    for log, found in scores:
+        law = f"K_p {found.law.gain_per_K:z.4f} 1/K, duty at 54 C {found.law.duty_at_54C:z.3f}"
+        rows.append((log.source, *_residuals(found.residuals), law))
+    print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
+
+
+def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
+    rows = []
+    for name in thermal_fit.Parameters._fields:
+        value, error, low, high = (
+            getattr(each, name)
+            for each in (fit.parameters, fit.standard_errors, fit.smallest, fit.largest)
+        )
+        span = f"{low:z.4g} to {high:z.4g}" if fit.held_out else "-"
+        known = f"{getattr(own, name):z.4g}" if name in thermal_fit.SEGMENT_FIELDS else "-"
+        rows.append((_NAMES[name], f"{value:z.4g}", f"{error:z.2g}", span, known))
+    fixed = f"{own.sensor_gain:z.4g}"
+    rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
+    header = ("parameter", "identified", "standard error", "without one cycle", f"in {fit.robot}")
+    print_table(header, rows)
+
+
+def _residuals(found: Residuals) -> tuple[str, ...]:
+    values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
+    return tuple(digits(value, 3) for value in values)

@@ -1,10 +1,6 @@
-"""Thermal models from logged melts and freezes, and logs of motion replayed."""
+"""Thermal models from heating logs, and logs of motion replayed."""
 
-from twosra_mpc.lab.identification.transition_fit import (
-    LoggedTransition,
-    TransitionFit,
-    identify_transitions,
-    read_transitions,
-)
+from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
+from twosra_mpc.lab.identification.thermal_fit import ThermalFit, identify
 
-__all__ = ["LoggedTransition", "TransitionFit", "identify_transitions", "read_transitions"]
+__all__ = ["HeatingLog", "ThermalFit", "identify", "read_heating_log"]

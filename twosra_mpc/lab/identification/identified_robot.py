@@ -8,13 +8,13 @@ import tomlkit
 from tomlkit.items import AoT, Table
 
 from twosra_mpc.files import write_text
-from twosra_mpc.lab.identification.fitted_segment import FITTED, LOGS_DIFFER
+from twosra_mpc.lab.identification.thermal_fit import LOGS_DIFFER, ThermalFit
 from twosra_mpc.lab.identification.transition_fit import TransitionFit
 from twosra_mpc.robot.description import robot_document
 
 
 def write_identified_robot(
-    source: str | Path, target: str | Path, fit: TransitionFit, number: int = 0
+    source: str | Path, target: str | Path, fit: ThermalFit | TransitionFit, number: int = 0
 ) -> None:
     """Write a copy of a robot file whose ``[segment]`` has the identified values and ranges.
 
@@ -29,14 +29,14 @@ def write_identified_robot(
     if isinstance(segment, AoT):
         segment = segment[number]
     assert isinstance(segment, Table)
-    for name in FITTED:
+    for name in fit.fitted:
         segment[name] = getattr(fit.segment, name)
     segment.comment(f"identified anew from {fit.summary}")
     if "ranges" not in segment:
         segment["ranges"] = tomlkit.table()
     ranges = segment["ranges"]
     assert isinstance(ranges, Table)
-    for name in FITTED:
+    for name in fit.fitted:
         ranges[name] = list(fit.segment.ranges[name])
     ranges.comment(
         "5 to 95 %: standard error, all fits that leave a part out, and at least"

@@ -24,15 +24,22 @@ from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.identification import plausibility
-from twosra_mpc.lab.identification.fitted_segment import FITTED, described, two_node_segment
-from twosra_mpc.lab.identification.thermal_course import SensorLag, TwoNodePlant
+from twosra_mpc.lab.identification.heating_log import Flags, check_readings
+from twosra_mpc.lab.identification.log_plants import TwoNodePlant, driven
+from twosra_mpc.lab.identification.log_response import SensorLag
+from twosra_mpc.lab.identification.thermal_fit import (
+    SEGMENT_PARAMETERS,
+    UNIT,
+    OnProgress,
+    described,
+    two_node_segment,
+)
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import Heater, TwoNodeSegment
@@ -40,8 +47,6 @@ from twosra_mpc.thermal.two_node import TwoNode
 from twosra_mpc.validation import ArrayValue
 
 Kind = Literal["melt", "freeze"]
-Flags = NDArray[np.bool_]
-OnProgress = Callable[[int, int], None]
 
 LEAST_OF_A_KIND = 5
 SHORTEST_S = 2.0  # what is shorter was no transition: it is shown, but not fitted
@@ -55,9 +60,8 @@ _SCALE = 0.15  # relative errors beyond this count less
 _BODY_RATIO_WITHIN = 1.5
 _NEARLY_K = 3.0  # from a threshold: what ended so near to it has crossed it
 _ENDS_S, _ENDS = 3.0, 0.1  # by which a duration and the last reading may differ: s, relative
-_BODY = [*FITTED].index("body_ratio")
-# Further fields of a ``TwoNode``: full current is 1 A, the air has 0 C, and the rest is not asked.
-_UNIT = (1.0, 1.0, 0.0, 1.0, 0.0)
+_FITTED = tuple(name for name in SEGMENT_PARAMETERS if name != "sensor_lag_s")
+_BODY = _FITTED.index("body_ratio")
 
 
 @public
@@ -114,7 +118,6 @@ class Prediction(NamedTuple):
         return self.left_out_s / self.logged.duration_s - 1
 
 
-@public
 @dataclass(frozen=True)
 class TransitionFit:
     """Fit of a robot's segments to a log of transitions.
@@ -136,6 +139,11 @@ class TransitionFit:
     predictions: tuple[Prediction, ...]
 
     @property
+    def fitted(self) -> tuple[str, ...]:
+        """Fields of the segment that were fitted."""
+        return _FITTED
+
+    @property
     def summary(self) -> str:
         """Source of the fit, for the robot file."""
         name, count = Path(self.source).name, len(self.predictions)
@@ -153,7 +161,6 @@ class TransitionFit:
         return sum(abs(each.error) <= share for each in self.predictions)
 
 
-@public
 def read_transitions(
     path: str | Path, readings: str | Path, segments: int
 ) -> tuple[LoggedTransition, ...]:
@@ -172,7 +179,7 @@ def read_transitions(
     targets, sensors = [f"target{j}" for j in numbers], [f"reading{j}_C" for j in numbers]
     columns = ("transition", "time_s", *sensors)
     rows = read_csv(readings, columns).numbers(*columns)
-    plausibility.check_readings(rows[:, 2:], ", ".join(sensors), other)
+    check_readings(rows[:, 2:], ", ".join(sensors), other)
     table = read_csv(path, ("transition", "kind", *targets, "duration_s"))
     told = table.numbers("transition", "duration_s", *targets).tolist()
     found = []
@@ -218,7 +225,6 @@ def of_segment(
     return tuple(found)
 
 
-@public
 def identify_transitions(
     logged: tuple[LoggedTransition, ...],
     robot: Robot,
@@ -244,7 +250,7 @@ def identify_transitions(
         logged = of_segment(logged, segment, own)
         _check(logged, source)
     counted = np.array([each.duration_s > SHORTEST_S for each in logged])
-    start = tuple(each.start for each in FITTED.values())
+    start = tuple(SEGMENT_PARAMETERS[name].start for name in _FITTED)
     predict = _predictor(logged, own, robot.heater)
 
     def done(fits: int) -> None:
@@ -273,7 +279,7 @@ def identify_transitions(
         parts += [fitted(kept, best.values).values for kept in (half, ~half)]
     ends = (pick(np.array(parts), axis=0).tolist() for pick in (np.min, np.max))
     values, errors, smallest, largest = (
-        dict(zip(FITTED, each, strict=True)) for each in (*best, *ends)
+        dict(zip(_FITTED, each, strict=True)) for each in (*best, *ends)
     )
     predictions = zip(logged, fitted_s.tolist(), left_out_s.tolist(), strict=True)
     return TransitionFit(
@@ -294,7 +300,7 @@ def _check_fit(values: tuple[float, ...], off: Array, thresholds: str, source: s
             f" targets, and {thresholds}"
         )
         raise InputError("error of durations", round(median, 2), allowed, source)
-    plausibility.check_bounds(values, source)
+    plausibility.check_bounds({name: SEGMENT_PARAMETERS[name] for name in _FITTED}, values, source)
 
 
 class _Fitted(NamedTuple):
@@ -317,7 +323,7 @@ def _fitted(
         known = _SCALE * (x[_BODY] - np.log(body_ratio)) / np.log(_BODY_RATIO_WITHIN)
         return np.append(np.log(np.maximum(found, 0.5) / duration)[counted], known)
 
-    low, high = np.log([(each.low, each.high) for each in FITTED.values()]).T
+    low, high = np.log([SEGMENT_PARAMETERS[name][1:3] for name in _FITTED]).T
     result = least_squares(
         off,
         np.log(start),
@@ -367,7 +373,7 @@ class _Course:
 
     def __init__(self, values: tuple[float, ...], own: TwoNodeSegment, heater: Heater) -> None:
         power, coupling, ratio, loss = values
-        self._plant = TwoNodePlant(TwoNode(power, coupling, ratio, loss, *_UNIT), _STEP_S)
+        self._plant = TwoNodePlant(TwoNode(power, coupling, ratio, loss, *UNIT), _STEP_S)
         lag_s = max(own.sensor_lag_s, 1e-3)
         self._sensor = SensorLag(own.sensor_gain, lag_s, _STEP_S)
         self._air_C, self._setpoint_K = heater.ambient_C, heater.soft_setpoint_C - heater.ambient_C
@@ -393,9 +399,8 @@ class _Course:
             state[2] + moved,
             state[3] + moved,
         )
-        off = np.zeros(round(_LONGEST_FREEZE_S / _STEP_S))
-        cooling = self._plant.driven(core, state[1], off)[:, 0]
-        reading = self._sensor.follow(cooling, first, second)[:, 1]
+        states = driven(self._plant, (core, state[1]), np.zeros(round(_LONGEST_FREEZE_S / _STEP_S)))
+        reading = self._sensor.follow(states[:, 0], np.array([first, second]))[:, 1]
         return _until(self._sensor.gain * self._solid_K - reading)
 
     def _heated(self, begin_C: float, duration_s: float) -> Array:
@@ -403,10 +408,11 @@ class _Course:
         reading = begin_C - self._air_C
         core = reading / self._sensor.gain
         full = np.ones(math.ceil(duration_s / _STEP_S))
-        free = self._plant.driven(core, core, full)[:, 0]
+        free = driven(self._plant, (core, core), full)[:, 0]
         held = np.minimum(free, max(core, self._setpoint_K))
-        lags = self._sensor.follow(held, reading, reading)
-        return np.column_stack([held, self._plant.led(core, held), lags])
+        body = self._plant.led(core, held)[:, 1]
+        lags = self._sensor.follow(held, np.array([reading, reading]))
+        return np.column_stack([held, body, lags])
 
 
 def _until(rising: Array) -> float:

@@ -1,0 +1,110 @@
+"""Figure of the fit of a segment to a heating log.
+
+It needs no display and leaves ``rcParams`` alone.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from twosra_mpc.lab.identification.heating_log import EvenLog, runs
+from twosra_mpc.lab.identification.thermal_fit import ThermalFit
+from twosra_mpc.plotting import figures
+from twosra_mpc.robot.coordinates import Array
+
+BODY_COLOUR = "#12997c"
+MEASURED: dict[str, Any] = {"ls": "", "marker": ".", "ms": 3.0, "c": "0.6", "zorder": 2}
+HELD: dict[str, Any] = {"color": "0.93", "lw": 0, "zorder": 0}
+PHASES: dict[str, dict[str, Any]] = {
+    "heating": {"c": figures.SOFT_COLOUR, "lw": 1.5, "zorder": 3},
+    "cooling": {"c": figures.RIGID_COLOUR, "lw": 1.5, "zorder": 3},
+}
+
+
+def plot_thermal_fit(fit: ThermalFit, path: str | Path | None = None) -> Figure:
+    """Draw a thermal fit over the time of its log.
+
+    Args:
+        fit: The fit.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+
+    Raises:
+        InputError: If matplotlib cannot write such a file, or the folder cannot be written.
+    """
+    with figures.styled_figure((10.0, 8.2), path) as figure:
+        figure.suptitle(_title(fit), wrap=True)
+        axes = figure.subplots(4, 1, sharex=True, height_ratios=(1.5, 1.5, 0.6, 1.0))
+        _draw_sensor(axes[0], fit)
+        _draw_nodes(axes[1], fit)
+        _draw_duty(axes[2], fit)
+        _draw_residuals(axes[3], fit)
+        time = fit.log.time_s
+        axes[-1].set(xlabel="time [s]", xlim=(time[0], time[-1]))
+        for ax in axes:
+            for first, end in runs(fit.log.held):
+                ax.axvspan(time[first], time[end - 1], **HELD)
+        figure.align_ylabels(axes)
+    return figure
+
+
+def _title(fit: ThermalFit) -> str:
+    found = fit.residuals
+    unseen = fit.held_out_rms_C
+    left_out = "" if math.isnan(unseen) else f", {unseen:z.2f} K in cycles left out of the fit"
+    rms = f"{found.heating_rms_C:z.2f} K heating, {found.cooling_rms_C:z.2f} K cooling{left_out}"
+    return f"{fit.robot}, {Path(fit.source).name}\nRMS residual {rms}"
+
+
+def _draw_sensor(ax: Axes, fit: ThermalFit) -> None:
+    log = fit.log
+    ax.plot(log.time_s, log.sensor_C, **MEASURED, label="measured")
+    _draw_phases(ax, log, fit.response.sensor_C, "model, ")
+    handles, names = ax.get_legend_handles_labels()
+    ax.set(ymargin=0.1, ylabel="raw sensor\n[°C]")
+    ax.legend([*handles, Patch(**HELD)], [*names, "hold, not scored"], **figures.BESIDE)
+
+
+def _draw_phases(ax: Axes, log: EvenLog, values: Array, name: str) -> None:
+    """A line for each stretch of heating or cooling, with one label for all of a kind."""
+    scored = ~log.held
+    for phase, flags in (("heating", scored & log.heating), ("cooling", scored & ~log.heating)):
+        chosen = np.where(flags, values, np.nan)
+        ax.plot(log.time_s, chosen, **PHASES[phase], label=f"{name}{phase}")
+
+
+def _draw_nodes(ax: Axes, fit: ThermalFit) -> None:
+    log, solid, liquid = fit.log, fit.segment.solid_below_C, fit.segment.liquid_above_C
+    core = fit.response.core_C
+    label = f"changing, {solid:z.3g} to {liquid:z.3g} °C"
+    ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.4, label=label)
+    ax.plot(
+        log.time_s, core, c="#222222", **figures.curve(0), label="core (in holds from the sensor)"
+    )
+    ax.plot(log.time_s, fit.response.body_C, c=BODY_COLOUR, label="body", **figures.curve(1))
+    ax.set(ymargin=0.1, ylabel="model\n[°C]")
+    ax.legend(**figures.BESIDE)
+
+
+def _draw_duty(ax: Axes, fit: ThermalFit) -> None:
+    duty, time = fit.response.duty, fit.log.time_s
+    ax.fill_between(
+        time[:-1], duty, step="post", fc=figures.HEATER_COLOUR, lw=0, label="heater law"
+    )
+    ax.set(ylim=(0.0, 1.08), ylabel="share of\nfull power")
+    ax.legend(**figures.BESIDE)
+
+
+def _draw_residuals(ax: Axes, fit: ThermalFit) -> None:
+    log = fit.log
+    off = np.where(log.scored, fit.response.sensor_C - log.sensor_C, np.nan)
+    ax.axhline(0.0, c="0.5", lw=0.8, zorder=1)
+    _draw_phases(ax, log, off, "")
+    ax.set(ymargin=0.12, ylabel="model -\nmeasured [K]")
+    ax.legend(**figures.BESIDE)
