@@ -30,6 +30,7 @@ QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
     "batch": ("plan.json --out runs", 2),  # what its workers print: test_batch
+    "atlas": ("no-runs", 2),
     "verify": ("plan.json", 0),
     "resample": ("plan.json out.csv --rate 1", 0),
     "export": ("plan.json out.csv", 0),

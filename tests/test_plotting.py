@@ -26,6 +26,7 @@ from once import planned
 from twosra_mpc import InputError, load_problem, load_robot, plotting
 from twosra_mpc.files import data_file
 from twosra_mpc.lab.figures import plot_comparison
+from twosra_mpc.lab.figures.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
 from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plans.trajectory import Phase, stiffness_intervals
 from twosra_mpc.plotting import (
@@ -122,6 +123,8 @@ def cielab(name: str, seen: object) -> np.ndarray:
         ([look["fc"] for look in STATES.values()], 25.0),
         ([MIDDLE_COLOUR, *UNIT_COLOURS], 35.0),
         ([RIGID_COLOUR, SOFT_COLOUR, MIDDLE_COLOUR], 20.0),
+        ([*SEQUENCE_COLOURS, OTHER_COLOUR, NO_PLAN_COLOUR], 20.0),
+        (SEQUENCE_COLOURS, 25.0),
     ],
 )
 def test_colours_are_told_apart_by_those_who_do_not_see_red_or_green(

@@ -61,7 +61,7 @@ ALLOWED = {
     "dask": ("lab/batch/",),
     "distributed": ("lab/batch/",),
     "pyarrow": ("lab/batch/",),
-    "pandas": ("lab/batch/",),
+    "pandas": ("lab/batch/", "lab/figures/atlas"),
     "click": ("cli/", "lab/commands/"),
     "rich": ("cli/", "lab/commands/"),
     "pydantic": (

@@ -27,7 +27,7 @@ from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
-from twosra_mpc.lab.batch.table import frame_of, read_runs, write_table
+from twosra_mpc.lab.batch.table import frame_of, write_table
 from twosra_mpc.lab.identification.transition_fit import read_transitions
 from twosra_mpc.plans.setpoints import save_authors_csv
 
@@ -275,5 +275,5 @@ KINDS = {
         ".geojson", lambda: (json.dumps(_OBSTACLES).encode(),), lambda path: (str(path),), _scenario
     ),
     "outline": Kind(".csv", lambda: (_OUTLINE.encode(),), lambda path: (str(path),), _scenario),
-    "runs": Kind(".parquet", _runs, lambda path: (str(path),), _reads(read_runs)),
+    "runs": Kind(".parquet", _runs, lambda path: ("atlas", str(path))),
 }

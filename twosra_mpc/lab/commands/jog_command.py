@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
 import click
 
 from twosra_mpc.cli.options import ROBOT, command
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, Tell
+from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
-from twosra_mpc.lab.bench.jog import Jog, heated_mode, jog, wheels_of_twist
+from twosra_mpc.lab.bench.jog import Asked, Jog, Keys, for_a_time, heated_mode, jog, wheels_of_twist
 from twosra_mpc.lab.commands import robot_line
 from twosra_mpc.lab.serial.port import SteppedClock, SystemClock
 from twosra_mpc.lab.serial.stream import Recorder
 from twosra_mpc.robot.coordinates import WHEELS
-from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.description import Robot, load_robot
+
+_KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1
 
 
 @command("jog")
 @robot_line.PORT
 @robot_line.DRY_RUN
 @click.option("--robot", "name", required=True, help="A built-in name or a file.", **ROBOT)
-@click.option("--forward", "along", default=0.0, help="Along x of its middle link [m/s].")
-@click.option("--sideways", "across", default=0.0, help="Along y of it [m/s].")
-@click.option("--turn", default=0.0, help="Turning rate [rad/s].")
+@click.option("--forward", "along", type=float, help="Along x of its middle link [m/s].")
+@click.option("--sideways", "across", type=float, help="Along y of it [m/s].")
+@click.option("--turn", type=float, help="Turning rate [rad/s].")
 @click.option(
     "--wheel",
     "wheels",
@@ -30,29 +39,35 @@ from twosra_mpc.robot.description import load_robot
     help="Number of a wheel, and its speed [rad/s], besides the rest.",
 )
 @click.option("--heat", type=int, multiple=True, help="Number of a segment to heat.")
-@click.option("--for", "duration_s", type=float, metavar="S", required=True, help="For how long.")
+@click.option("--for", "duration_s", type=float, metavar="S", help="For how long; else by keys.")
 @click.option("--cold", is_flag=True, help="The segments are as cold as the air.")
 @robot_line.ROBOT_ID
 def jog_command(
     port: str | None,
     dry_run: bool,
     name: str,
-    along: float,
-    across: float,
-    turn: float,
+    along: float | None,
+    across: float | None,
+    turn: float | None,
     wheels: tuple[tuple[int, float], ...],
     heat: tuple[int, ...],
-    duration_s: float,
+    duration_s: float | None,
     cold: bool,
     robot_id: int | None,
     output: Output,
 ) -> int:
     """Drive a robot by hand, a little at a time: the first thing to do with a new one.
 
-    Forward, sideways and turn are of a straight robot, all solid. Speeds rise within the robot
-    file's acceleration and are refused beyond its limits. Heaters are switched by the reported
-    temperatures; if there are none, by the model's heat, and only with --cold. At the end, by
-    Ctrl-C and after every error wheels stand and heaters are off.
+    Without --for, by keys: w s forward and back, q e left and right, a d turn, 1 2 3 4 a wheel (-
+    the other way), h j k l heaters of segments 1 to 4 on and off, x the end. A key must be held:
+    half a second after the last one the wheels stand, and heaters go off after two minutes without
+    a key.
+
+    With --for, what the options say, for so many seconds; forward, sideways and turn are of a
+    straight robot, all solid. Speeds rise within the robot file's acceleration and are refused
+    beyond its limits. Heaters are switched by the reported temperatures; if there are none, by the
+    model's heat, and only with --cold. At the end, by Ctrl-C and after every error wheels stand and
+    heaters are off.
 
     \b
     See what would be sent, without a robot:
@@ -64,29 +79,39 @@ def jog_command(
     """
     robot_line.check_line(port, dry_run)
     robot = robot_line.numbered(load_robot(name), robot_id)
-    speed = wheels_of_twist(robot, (along, across, turn))
+    if duration_s is None:
+        if dry_run or wheels or heat or across:
+            raise InputError("for", None, "a time [s]: only keys need none")
+        speeds = _KEYED_M_S if along is None else along, _KEYED_RAD_S if turn is None else turn
+        with _pressed() as receive:
+            return _drive(robot, port, Keys(robot, receive, *speeds), cold, output)
+    speed = wheels_of_twist(robot, (along or 0.0, across or 0.0, turn or 0.0))
     for wheel, own in wheels:
         speed[wheel - 1] += own
-    asked = Jog(speed, heated_mode(robot, heat))
+    asked = for_a_time(robot, Jog(speed, heated_mode(robot, heat)), duration_s)
+    return _drive(robot, port, asked, cold, output)
+
+
+def _drive(robot: Robot, port: str | None, asked: Asked, cold: bool, output: Output) -> int:
     if port is None:
         clock = SteppedClock()
         line = Recorder(clock)
-        jog(robot, line, clock, asked, duration_s, cold=True)
+        jog(robot, line, clock, asked, cold=True)
         output.report(lambda: line.sent, lambda: robot_line.show_lines(line.sent))
         return EXIT_PLANNED
 
     def drive() -> int:
         with output.progress("listening for temperatures") as tell:
-            known = _Known(tell)
-            jog(robot, opened, SystemClock(), asked, duration_s, cold=cold, on_reading=known)
-        output.record(("jogged", robot.name), {"known at the end": known.words})
+            told = _Told(tell)
+            jog(robot, opened, SystemClock(), asked, cold=cold, on_reading=told)
+        output.record(("jogged", robot.name), {"known at the end": told.words})
         return EXIT_PLANNED
 
     with robot_line.line_to(port) as opened:
         return robot_line.exit_code_of(drive)
 
 
-class _Known:
+class _Told:
     """Progress line: what is known, and what is sent."""
 
     def __init__(self, tell: Tell) -> None:
@@ -101,3 +126,30 @@ class _Known:
         self.words = ", ".join(known)
         speeds = " ".join(f"{each:z.2f}" for each in sent.wheel_rad_s)
         self._tell(f"wheels [{speeds}] rad/s, heaters {' '.join(heated)}; {self.words}")
+
+
+@contextmanager
+def _pressed() -> Iterator[Callable[[], str]]:
+    """Yield what returns the keys pressed since the last call; the terminal is restored."""
+    if not sys.stdin.isatty() or os.name == "nt":
+        raise InputError("for", None, "a time [s]: keys need a terminal, on Linux or macOS")
+    import termios
+    import tty
+
+    source = sys.stdin.fileno()
+    before = termios.tcgetattr(source)
+
+    def receive() -> str:
+        if not select.select([source], [], [], 0.0)[0]:
+            return ""
+        try:
+            return os.read(source, 1024).decode("ascii", errors="replace") or "x"
+        except OSError:  # the terminal is closed: the end
+            return "x"
+
+    try:
+        tty.setcbreak(source)  # Ctrl-C stays what it is
+        yield receive
+    finally:
+        with suppress(termios.error):
+            termios.tcsetattr(source, termios.TCSADRAIN, before)
