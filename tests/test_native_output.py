@@ -29,6 +29,7 @@ TWOSRA = [sys.executable, "-m", "twosra_mpc"]
 QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
+    "compare": ("shape-change", 0),
     "batch": ("plan.json --out runs", 2),  # what its workers print: test_batch
     "atlas": ("no-runs", 2),
     "verify": ("plan.json", 0),
@@ -36,6 +37,7 @@ QUICK: dict[str, tuple[str, int]] = {
     "export": ("plan.json out.csv", 0),
     "report": ("plan.json out.html", 0),
     "animate": ("plan.json out.gif --seconds 1", 0),
+    "figures": ("plan.json", 2),  # a file; the figures themselves take a minute
     "reproduce": ("--out plan.json", 2),  # likewise
     "stream": ("plan.json --dry-run", 0),
     "jog": ("--robot 2sra-v1 --forward 0.01 --for 2 --cold --dry-run", 0),
