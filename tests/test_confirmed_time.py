@@ -59,14 +59,28 @@ def test_two_accounts_agree_where_the_body_is_slow() -> None:
     assert confirmed_s(made) == pytest.approx(walked_s(made), rel=0.01)
 
 
-def test_no_plan_is_confirmed_sooner_than_the_bound() -> None:
-    """Of other sequences, as many as are planned when the best one is forbidden."""
-    problem = load_problem("paper-3")
-    bound_s = confirmed_lower_bound(plan(problem).require())
-    assert bound_s is not None
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_no_plan_is_confirmed_sooner_than_the_bound(number: int) -> None:
+    """Of other sequences and timings: when the best one is forbidden, or windows are reserved."""
+    problem = load_problem(f"paper-{number}")
+    told = [problem]
+    told += [problem.with_values(timing=name) for name in ("constant", "paper")]
+    told += [problem.with_values(transition_quantile=share) for share in (0.9, 0.99)]
     for modes in (((0, 0), (1, 0), (0, 1)), ((0, 0), (1, 1), (1, 0)), ((0, 0), (0, 1), (1, 1))):
-        other = plan(problem.with_values(modes=modes)).require()
-        assert confirmed_s(other) >= bound_s
+        told.append(problem.with_values(modes=modes))
+    plans = [result.plan for result in map(plan, told) if result.plan is not None]
+    soonest_s = min(map(confirmed_s, plans))
+    for bound_s in map(confirmed_lower_bound, plans[:5]):
+        assert bound_s is not None
+        assert bound_s <= soonest_s
+
+
+@pytest.mark.parametrize("given", [{}, {"timing": "paper"}, {"transition_quantile": 0.9}])
+def test_a_bound_among_obstacles_is_one_of_exact_thermal_times(given: dict[str, object]) -> None:
+    far = {"disc": {"x_m": 2.0, "y_m": 2.0, "radius_m": 0.1}}
+    made = plan(load_problem("paper-2", obstacles=[far], **given)).require()
+    bound_s = confirmed_lower_bound(made)
+    assert bound_s is None if given else bound_s == made.lower_bound
 
 
 def test_windows_hold_the_model_s_own_times() -> None:

@@ -18,11 +18,11 @@ _STEPS = 100  # of a search that only bounds
 
 @public
 def confirmed_lower_bound(plan: Plan) -> float | None:
-    """Lower bound on ``confirmed_s`` of all plans of the same problem [s].
+    """Lower bound on ``confirmed_s`` of all plans of the same problem [s], however it is timed.
 
-    A confirmed plan takes no less than the same plan as described: so does its bound. With
-    obstacles or tasks it is no better than that. None where cost is not only time, or nothing is
-    proved of the plan.
+    Among obstacles and in missions it is that of the time as described: all changes are confirmed
+    after they are over, so the same heating would be a plan that is done no later. That holds of
+    exact thermal times alone. None elsewhere, where cost is not only time, and of the greedy rule.
     """
     problem, known, duration_s = plan.problem, plan.lower_bound, plan.confirmed_s
     model = confirmed_model(problem)
@@ -30,8 +30,9 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
         return None
     if any(problem.cost_weights.model_dump().values()):
         return None
-    if problem.is_mission or problem.obstacles:  # placed anew, for no more than this
-        return min(known, duration_s)
+    if problem.is_mission or problem.obstacles:
+        exact = model.problem is problem and problem.transition_quantile is None
+        return min(known, duration_s) if exact else None
 
     def none(*_: object) -> Iterator[None]:
         """No plan is looked for."""
@@ -47,4 +48,4 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
             known=duration_s,
             proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         )
-    return min(max(search.lower_bound, known), duration_s)
+    return min(search.lower_bound, duration_s)
