@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.controller import Activity, Looking, Next, rest
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
 
 SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertain
+_DECISION_WORK = 200.0  # units, a third of a second: commands go on meanwhile once a second
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 
 
@@ -173,7 +176,8 @@ def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:
     cost_s = None if left is None else cost_of_rest_s(plan, index, left)
     if left is None or cost_s is None:
         return None
-    result = plan_again(left, cost_s - SWITCH_S)
+    with limited(_DECISION_WORK, math.inf):
+        result = plan_again(left, cost_s - SWITCH_S)
     words = f"{learnt}: of the plan {cost_s:z.1f} s are left"
     if (better := result.plan) is None or not result.found:
         least = f"none takes less than {result.lower_bound or 0.0:z.1f} s"
