@@ -165,8 +165,7 @@ def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:
         index: Phase that comes next.
         learnt: What has become known, in words.
     """
-    plan = run.course.plan
-    asked = run.problem
+    plan, asked = run.course.plan, run.problem
     if index == len(plan.phases) or asked.tasks or asked.obstacles or asked.planner == "greedy":
         return None
     try:
