@@ -121,8 +121,7 @@ def public(thing: Public) -> Public:
         InputError: If an argument is missing, unknown, or of another kind.
     """
     if not isinstance(thing, type):
-        checked: Public = _checked(thing, thing.__name__, thing.__module__)
-        return checked
+        return _checked(thing, thing.__name__, thing.__module__)
     constructor = "__new__" if issubclass(thing, tuple) else "__init__"
     for name, member in [*vars(thing).items()]:
         function = getattr(member, "__func__", member)  # of class methods, too

@@ -56,8 +56,7 @@ def _of(model: type[BaseModel]) -> Schema:
     """Pydantic's schema of a record in draft 7."""
     template = "#/definitions/{model}"
     schema = model.model_json_schema(ref_template=template, schema_generator=_Quiet)
-    found: Schema = _draft_7({"definitions": schema.pop("$defs", {}), **schema})
-    return found
+    return _draft_7({"definitions": schema.pop("$defs", {}), **schema})
 
 
 def _draft_7(schema: Any) -> Any:

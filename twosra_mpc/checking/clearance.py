@@ -71,8 +71,7 @@ class Surroundings:
         """Distance of configurations (m, 3 + n) to the nearest obstacle, 0 where they overlap."""
         solid, fibre = _drawn(self.geometry, q)
         to_fibre = shapely.distance(self._all, fibre) - self.geometry.fibre_radius_m
-        found: Array = np.maximum(np.minimum(shapely.distance(self._all, solid), to_fibre), 0.0)
-        return found
+        return np.maximum(np.minimum(shapely.distance(self._all, solid), to_fibre), 0.0)
 
     def distances_of_m(self, carried: Carrying, q: Array) -> Array:
         """Distance of what configurations (m, 3 + n) carry to the nearest obstacle, 0 if inside."""
@@ -349,8 +348,7 @@ def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> Iterator[Ma
         carried, edges = carrying(problem, stage.held), problem.workspace
 
         def margins(at: NDArray[np.intp], of: Carrying = carried, to: Workspace = edges) -> Array:
-            found: Array = to.margin_m(of.corners_m(sweep.q[at])).min(axis=-1)
-            return found
+            return to.margin_m(of.corners_m(sweep.q[at])).min(axis=-1)
 
         found = least(margins, sweep.carried_m(carried.radius_m), stage.first, stage.last)
         margin, when = _settled(found.distance_m), f"at {sweep.t_s[found.at]:z.1f} s"

@@ -141,8 +141,7 @@ class Sent:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """True where the robot moves from each row to the next, (m,)."""
-        found: NDArray[np.bool_] = ((self.v != 0) | (self.a != 0)).any(axis=1)
-        return found
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)
 
 
 def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:

@@ -157,8 +157,7 @@ class Done(NamedTuple):
     @property
     def q(self) -> Array:
         """Configuration of the robot then, as integrated, (3 + n,)."""
-        found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
-        return found
+        return self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
 
     def number(self, name: str) -> int:
         """Number of an object, from 0."""

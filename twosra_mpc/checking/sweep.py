@@ -179,8 +179,7 @@ def outermost_m(geometry: Geometry, q: Array) -> Array:
         np.linalg.norm(np.concatenate(parts, axis=1) - q[:, None, :2], axis=2).max(axis=1)
         for parts in (fibre, solid)
     ]
-    found: Array = np.maximum(most[0] + thick + sagitta_m(geometry, q), most[1])
-    return found
+    return np.maximum(most[0] + thick + sagitta_m(geometry, q), most[1])
 
 
 def least(

@@ -74,8 +74,7 @@ class PushingCone:
         """True for body twists (s_u, s_v, s_r) of b0 (..., 3) that keep the object, (...,)."""
         given = np.asarray(twists, dtype=float)
         size = np.linalg.norm(given, axis=-1, keepdims=True)
-        found: NDArray[np.bool_] = (given @ self.facets.T <= _OFF * size).all(axis=-1)
-        return found
+        return (given @ self.facets.T <= _OFF * size).all(axis=-1)
 
 
 def pushing_cone(

@@ -386,12 +386,10 @@ class Belief:
         """Change of q since the robot was compared last with what it was told, (3 + n,)."""
         mode, before = self._compared
         self._compared = mode, self.q.copy()
-        change: Array = self.q - before
-        return change
+        return self.q - before
 
     def _rolled(self, mode: Mode, q: Array, turned: Array) -> Array:
-        after: Array = rolling(self.problem.robot, mode)(q, turned, NO_DRIFT).full().ravel()
-        return after
+        return rolling(self.problem.robot, mode)(q, turned, NO_DRIFT).full().ravel()
 
     # Commands.
 

@@ -163,8 +163,7 @@ class CameraFilter:
     def _spread(self, moved: Array) -> Array:
         """Variance of where the robot was before it has ``moved``."""
         there = self._shared - moved * self._doubt
-        found: Array = self.variance - moved * self._shared - moved * there
-        return found
+        return self.variance - moved * self._shared - moved * there
 
     def _take(self, frame: Array, moved: Array, variance: Array) -> None:
         """Correct by one frame, or the mean of several, since which the model has ``moved``."""

@@ -114,8 +114,7 @@ class Greedy:
         """Error that counts, (5,): what is beyond this share of the accuracy."""
         error = self.belief.error
         counted = np.maximum(np.abs(error) - share * self._scale, 0.0)
-        signed: Array = np.sign(error) * counted
-        return signed
+        return np.sign(error) * counted
 
     def stagnated(self, moved: Array) -> bool:
         """True if a motion (5,) is none."""

@@ -112,8 +112,7 @@ class Guard:
         """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""
         distances_m = self._around.distances(places)
         self._known_at, self._known_m = places[0], distances_m[0]
-        found: Array = distances_m.min(axis=0)
-        return found
+        return distances_m.min(axis=0)
 
     def _least_m(self, mode: Mode, deviation: Array) -> Array:
         """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""

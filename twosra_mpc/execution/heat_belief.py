@@ -198,8 +198,7 @@ class HeatBelief(ArrayValue):
     @property
     def most_probable(self) -> Array:
         """Parameters, (p,)."""
-        both: Array = self.fit.about[0] + self.step
-        return both
+        return self.fit.about[0] + self.step
 
     @property
     def off_K(self) -> float:

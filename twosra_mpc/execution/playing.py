@@ -69,8 +69,7 @@ class Playing:
         course = self.course
         if self._reports:
             return course.schedule.setpoints(course.progress)
-        found: Array = course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
-        return found
+        return course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on."""

@@ -216,5 +216,4 @@ def _numbers(array: Array) -> list[Any]:
     """Plain lists, None where there is no number."""
     plain = array.astype(object)
     plain[np.isnan(array)] = None
-    found: list[Any] = plain.tolist()
-    return found
+    return plain.tolist()

@@ -274,8 +274,7 @@ def _rates(body: Body, mode: Mode) -> ca.Function:
 
 def _largest_rate(body: Body, mode: Mode, lower: Array, upper: Array) -> Array:
     """Enclosed maximum of abs(dW/dt) in each box of curvatures, both units at full speed."""
-    found: Array = _largest_paces(body, mode, lower, upper).sum(axis=0) * _unit_speed(body)
-    return found
+    return _largest_paces(body, mode, lower, upper).sum(axis=0) * _unit_speed(body)
 
 
 def _largest_paces(body: Body, mode: Mode, lower: Array, upper: Array) -> Array:

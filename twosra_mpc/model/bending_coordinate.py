@@ -34,8 +34,7 @@ def bending_coordinates(body: Body, segment: int, kappa: Array) -> Array:
     values, used = np.zeros(points.shape), half[..., 0] > 0
     (values[used],) = by_rows(_density(body, segment), points[used])
     parts = half * _WEIGHTS * values
-    found: Array = np.sign(kappa) * parts.sum(axis=(1, 2))
-    return found
+    return np.sign(kappa) * parts.sum(axis=(1, 2))
 
 
 @per_body(4)
@@ -76,8 +75,7 @@ class Inverse(NamedTuple):
         w = np.minimum(np.maximum(coordinates, table[0]), table[-1])
         cell = np.searchsorted(table[1:-1], w, side="right")
         beyond, (cubic, square, slope, value) = w - table[cell], powers[:, cell]
-        found: Array = ((cubic * beyond + square) * beyond + slope) * beyond + value
-        return found
+        return ((cubic * beyond + square) * beyond + slope) * beyond + value
 
 
 @per_body(4)

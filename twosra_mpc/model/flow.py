@@ -201,8 +201,7 @@ class Motion:
     @property
     def end(self) -> Array:
         """Q after the last phase, shape (3 + n,)."""
-        found: Array = self.states[-1, -1]
-        return found
+        return self.states[-1, -1]
 
 
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:

@@ -112,8 +112,7 @@ class Kinematics:
         check_size("wheel_rad_s", wheel_rad_s, WHEELS)
         given: Any = (q, sigma)  # checked by what is called
         matrix = self.wheel_matrix(*given).full()
-        found: Array = np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)
-        return found
+        return np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)
 
 
 class InPlace:

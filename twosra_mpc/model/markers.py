@@ -126,8 +126,7 @@ def marker_poses(robot: Robot, markers: Markers, q: ArrayLike) -> Array:
         InputError: If q has another size.
     """
     at = np.array(check_size("q", q, robot.coordinates.size), float)
-    poses: Array = _expected(robot, markers)(at, *_fixed(markers))[0].full().T
-    return poses
+    return _expected(robot, markers)(at, *_fixed(markers))[0].full().T
 
 
 @public
@@ -289,8 +288,7 @@ def _least_squares(
 ) -> Array:
     from scipy.optimize import least_squares  # a quarter of a second
 
-    found: Array = least_squares(off, start, slopes, method="lm", x_scale="jac").x
-    return found
+    return least_squares(off, start, slopes, method="lm", x_scale="jac").x
 
 
 def _expected(robot: Robot, markers: Markers) -> ca.Function:

@@ -48,8 +48,7 @@ class RobotShape(ArrayValue):
     @property
     def centres(self) -> Array:
         """Centres of the locomotion units, (..., 2, 2)."""
-        found: Array = self.units.mean(axis=-2)
-        return found
+        return self.units.mean(axis=-2)
 
 
 @public

@@ -90,15 +90,13 @@ class SelfCollision:
         """Separation of the two units in a shape [m]."""
         rectangles = self._rectangles(kappa)
         first, second = (rectangles[:, self.names.index(name)] for name in UNIT_NAMES)
-        found: ca.SX = separation(first, second)
-        return found
+        return separation(first, second)
 
     def least(self, kappa: ca.SX) -> ca.SX:
         """Least separation in a shape [m]."""
         rectangles = self._rectangles(kappa)
         pairs = (rectangles[:, at.tolist()] for at in (self._first, self._second))
-        found: ca.SX = ca.mmin(separation(*pairs).T)
-        return found
+        return ca.mmin(separation(*pairs).T)
 
     def separations(self, kappa: Array) -> Array:
         """Separation of each pair of rectangles in shapes (m, n), (m, pairs) [m].

@@ -126,8 +126,7 @@ class Engine:
     def poses(self) -> Array:
         """Poses of the objects, (objects, 3) [m, m, rad]."""
         moved = self.data.qpos[self._objects]
-        found: Array = moved + self._object_start.reshape(-1, POSE)
-        return found
+        return moved + self._object_start.reshape(-1, POSE)
 
     def at_rest(self, melted: Sequence[float]) -> bool:
         """True if nothing would move if the wheels stood and metal were melted like this."""

@@ -95,8 +95,7 @@ class Samples(ArrayValue):
     @property
     def moves(self) -> NDArray[np.bool_]:
         """True where the robot moves from each sample to the next, (rows,)."""
-        found: NDArray[np.bool_] = ((self.v != 0) | (self.a != 0)).any(axis=1)
-        return found
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)
 
     def to_dict(self) -> dict[str, Any]:
         """The samples as plain data."""
@@ -296,8 +295,7 @@ def new_times(times: Array, known: Array) -> Array:
     """Those of the growing ``times`` that are an event of their own beside the ``known`` ones."""
     after = np.searchsorted(known, times).clip(1, len(known) - 1)
     nearest = np.minimum(np.abs(times - known[after - 1]), np.abs(times - known[after]))
-    found: Array = times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
-    return found
+    return times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
 
 
 def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:

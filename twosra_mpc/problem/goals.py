@@ -260,8 +260,7 @@ class Goal(GoalSet):
 
     def _sized(self, name: str, q: Array) -> Array:
         """``q``, checked to be one of a robot with as many segments."""
-        found: Array = check_size(name, q, POSE + len(self.kappa_per_m), "q", True)
-        return found
+        return check_size(name, q, POSE + len(self.kappa_per_m), "q", True)
 
     def loosened(self, widths: Array) -> Goal:
         """Return the goal with tolerances wider by ``widths`` (3 + n,), or narrower, down to 0."""

@@ -263,8 +263,7 @@ def bent_back(robot: Robot | Body, kappa: Array) -> Array:
     """The shape (n,), bent back towards the straight robot as far as the limits ask for."""
     limit = robot.body.limits.curvature_per_m
     shapes = _SHARES[:, None] * np.clip(kappa, -limit, limit)
-    found: Array = shapes[int((body_gaps_m(robot, shapes) >= 0).argmax())]
-    return found
+    return shapes[int((body_gaps_m(robot, shapes) >= 0).argmax())]
 
 
 def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0) -> Array:
@@ -275,8 +274,7 @@ def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.
     exactly. Gaps of more than `FAR_M` are not told apart.
     """
     feigned_m = _CERTAIN_M + parts_moved_m(robot, off_per_m).max()
-    found: Array = body_gaps_m(robot, kappa) + BODY_TOLERANCE_M + feigned_m
-    return found
+    return body_gaps_m(robot, kappa) + BODY_TOLERANCE_M + feigned_m
 
 
 def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
@@ -286,16 +284,14 @@ def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
         robot: The robot.
         bent_per_m: How much more or less segments bend, (m, n) or a number [1/m].
     """
-    found: Array = (np.atleast_2d(bent_per_m) * _parts_moved_m2(robot)).sum(axis=1)
-    return found
+    return (np.atleast_2d(bent_per_m) * _parts_moved_m2(robot)).sum(axis=1)
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     """Truth for each of these shapes (m, n): the robot may drive rigidly in it."""
     margins = shape_margins(robot, kappa)
     driving = [margins[limit.name] >= 0 for limit in SHAPE_LIMITS if limit.driving]
-    found: NDArray[np.bool_] = np.all(driving, axis=0)
-    return found
+    return np.all(driving, axis=0)
 
 
 def workspace_margins(problem: Problem | Alone, q: Array) -> Array:
@@ -388,8 +384,7 @@ def interval_durations(motion: Motion) -> Array:
     places = (before, (before + after) / 2, after)
     given = np.concatenate(places), np.tile(s, (3, 1)), np.tile(modes, (3, 1))
     times, _ = least_times_and_turns(motion.robot, *given)
-    found: Array = times.reshape(3, phases, intervals).max(axis=0)
-    return found
+    return times.reshape(3, phases, intervals).max(axis=0)
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:

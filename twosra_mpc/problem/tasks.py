@@ -116,8 +116,7 @@ class Pass(Task):
         inside = ((poses[..., :2] >= low[:2]) & (poses[..., :2] <= high[:2])).all(axis=-1)
         if self.phi_rad is not None:
             inside &= np.mod(poses[..., 2] - low[2], math.tau) <= high[2] - low[2]
-        found: Array = inside
-        return found
+        return inside
 
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """Through the box, without a rest."""

@@ -63,8 +63,7 @@ class Workspace(Value):
     def margin_m(self, points: Array) -> Array:
         """Signed distance of points (..., 2) to the edges; negative outside, by the worse axis."""
         points, (low, high) = check_size("points", points, 2), self.corners_m
-        found: Array = np.minimum(points - low, high - points).min(axis=-1)
-        return found
+        return np.minimum(points - low, high - points).min(axis=-1)
 
 
 class Box(Value):

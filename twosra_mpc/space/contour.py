@@ -53,8 +53,7 @@ class Contour:
     @property
     def centroid(self) -> Array:
         """Centroid, (2,) [m]."""
-        at: Array = shapely.get_coordinates(shapely.centroid(self.shape))[0]
-        return at
+        return shapely.get_coordinates(shapely.centroid(self.shape))[0]
 
     @property
     def area_m2(self) -> float:
@@ -73,8 +72,7 @@ class Contour:
 
     def distances(self, parts: Any) -> Array:
         """Distance of geometries, negative where they overlap, as many [m]."""
-        found: Array = shapely.distance(self.core, parts) - self.radius_m
-        return found
+        return shapely.distance(self.core, parts) - self.radius_m
 
     def boundary(self, spacing_m: float) -> Array:
         """Points on the outline at most so far apart, corners among them, (m, 2)."""
@@ -185,14 +183,12 @@ def wraps_rad(geometry: Geometry, contour: Contour, q: Array, side: Array, near_
         ahead = (ahead + np.pi / 2) % (2 * np.pi) - np.pi / 2
         turned = np.where(np.column_stack(near) <= near_m, ahead, 0.0).max(axis=1)
         most[(way + 1) // 2] = np.maximum(most[(way + 1) // 2], turned)
-    whole: Array = most.sum(axis=0)
-    return whole
+    return most.sum(axis=0)
 
 
 def slimmer(boxes: Array) -> Array:
     """Boxes (..., 4, 2) with the same directions, within them."""
-    found: Array = 0.99 * boxes + 0.01 * boxes.mean(axis=-2, keepdims=True)
-    return found
+    return 0.99 * boxes + 0.01 * boxes.mean(axis=-2, keepdims=True)
 
 
 def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Array]:

@@ -101,8 +101,7 @@ def _crossings(along: Array, across: Array, slice_of: Indices, shape: tuple[int,
 def _inside(crossings: Indices, axis: int) -> NDArray[np.bool_]:
     """True where an odd number of sides crosses before nodes, one less than cells on the axis."""
     before = np.roll(crossings, 1, axis=axis).cumsum(axis=axis)
-    odd: NDArray[np.bool_] = np.take(before, np.arange(before.shape[axis] - 1), axis=axis) % 2 == 1
-    return odd
+    return np.take(before, np.arange(before.shape[axis] - 1), axis=axis) % 2 == 1
 
 
 def _pairs(

@@ -108,8 +108,7 @@ def swept(pieces: Array, half_turn_rad: float, grown_m: float) -> Array:
     along = (after - support * np.cos(turn)) / np.sin(turn)
     normal = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     across = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
-    found: Array = support[..., None] * normal + along[..., None] * across
-    return found
+    return support[..., None] * normal + along[..., None] * across
 
 
 def reach(pieces: Array, angles: Array, half_turn_rad: float) -> Array:
@@ -119,8 +118,7 @@ def reach(pieces: Array, angles: Array, half_turn_rad: float) -> Array:
     """
     radius, own = np.hypot(*np.moveaxis(pieces, -1, 0)), np.arctan2(pieces[..., 1], pieces[..., 0])
     between = np.abs((angles[..., None] - own + np.pi) % (2 * np.pi) - np.pi)
-    found: Array = (radius * np.cos(np.clip(between - half_turn_rad, 0, np.pi))).max(axis=-1)
-    return found
+    return (radius * np.cos(np.clip(between - half_turn_rad, 0, np.pi))).max(axis=-1)
 
 
 def kept_by_all(pieces: Array, half_turn_rad: float, grown_m: float) -> list[Array]:
@@ -173,8 +171,7 @@ def turned(pieces: Array, headings_rad: Array) -> Array:
     """Pieces (m, corners, 2) at each of k headings, (k, m, corners, 2)."""
     c, s = np.cos(headings_rad), np.sin(headings_rad)
     rotation = np.array([[c, -s], [s, c]])
-    found: Array = np.einsum("ijk,acj->kaci", rotation, pieces)
-    return found
+    return np.einsum("ijk,acj->kaci", rotation, pieces)
 
 
 def minkowski_sums(first: Array, second: Array) -> Array:
@@ -199,5 +196,4 @@ def minkowski_sums(first: Array, second: Array) -> Array:
     order = np.argsort(np.arctan2(both[..., 1], both[..., 0]), axis=-1)
     corners = np.take_along_axis(both, order[..., None], axis=-2).cumsum(axis=-2)
     low = first.min(axis=-2)[..., None, :] + second.min(axis=-2)
-    found: Array = corners + (low - corners.min(axis=-2))[..., None, :]
-    return found
+    return corners + (low - corners.min(axis=-2))[..., None, :]

@@ -79,8 +79,7 @@ class Thing:
 
 def _centroid(shape: shapely.Geometry) -> Array:
     """Centroid, (2,) [m]."""
-    found: Array = shapely.get_coordinates(shapely.centroid(shape))[0]
-    return found
+    return shapely.get_coordinates(shapely.centroid(shape))[0]
 
 
 def _sides(corners: Array) -> tuple[Array, Array]:
@@ -130,8 +129,7 @@ def _of_part(part: Array, pieces: Pieces) -> Contact:
 def _within(points: Array, normals: Array, reach: Array) -> NDArray[np.bool_]:
     """True where points (m, 2) lie within any of the pieces with these sides."""
     within = (normals @ points.T <= reach[..., None] + 1e-9).all(axis=1)  # (p, k, m)
-    found: NDArray[np.bool_] = np.any(within, axis=0)
-    return found
+    return np.any(within, axis=0)
 
 
 def _shared(part: Array, piece: Array) -> Array:

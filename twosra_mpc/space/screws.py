@@ -59,8 +59,7 @@ def continued(poses: Array) -> Array:
     poses = poses.copy()
     poses[:, 2] = np.unwrap(poses[:, 2])
     moving = np.abs(np.diff(poses, axis=0)).max(axis=1) > 1e-12
-    kept: Array = poses[np.append(True, moving)]
-    return kept
+    return poses[np.append(True, moving)]
 
 
 Clear = Callable[[Array], Array]  # poses (m, 3) -> lower bounds of what they keep, (m,) [m]

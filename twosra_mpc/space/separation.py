@@ -135,8 +135,7 @@ class Separation:
         of_part, apart = self.surroundings.obstacle_of_part, self.to_parts(pose[None])[0]
         nearest = np.full(of_part.max(initial=-1) + 1, FAR_M)
         np.minimum.at(nearest, of_part, apart)
-        found: Array = nearest[of_part]
-        return found
+        return nearest[of_part]
 
     def kept_from_m(self, poses: Array, off_m: float = 0.0) -> float:
         """Clearance of drives that start at one of these poses (m, 3), or ``off_m`` from it."""
@@ -150,8 +149,7 @@ class Separation:
 
 def placed(pieces: Array, poses: Array) -> Array:
     """Corners of pieces (p, k, 2), or (m, p, k, 2), at poses (m, 3), (m, p, k, 2)."""
-    corners: Array = pieces @ rotation(poses[:, 2])[:, None] + poses[:, None, None, :2]
-    return corners
+    return pieces @ rotation(poses[:, 2])[:, None] + poses[:, None, None, :2]
 
 
 class _Part:

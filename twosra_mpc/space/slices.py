@@ -236,8 +236,7 @@ def _rectangles(pieces: Array) -> Array:
 def _extents(pieces: Array, half_turn_rad: float, headings: int) -> Array:
     """Extents of pieces from b0 at each heading, towards low x, low y, high x, high y, (n, 4)."""
     angles = (_AXES - _centres(headings)[:, None])[:, :, None]
-    farthest: Array = reach(pieces, angles, half_turn_rad).max(axis=-1)
-    return farthest
+    return reach(pieces, angles, half_turn_rad).max(axis=-1)
 
 
 def _centres(headings: int) -> Array:

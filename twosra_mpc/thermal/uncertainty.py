@@ -90,8 +90,7 @@ def _ratios(
         reference_times(one, melt_current_A, soft_setpoint_C)
         for one in (model, *(drawn(model, dict(ranges), rng) for _ in range(_DRAWS)))
     )
-    found: NDArray[np.float64] = np.array(times) / np.array(reference)
-    return found
+    return np.array(times) / np.array(reference)
 
 
 def drawn(nominal: SegmentModel, ranges: Ranges, rng: np.random.Generator) -> SegmentModel:

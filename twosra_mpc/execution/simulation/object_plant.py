@@ -75,8 +75,7 @@ class ObjectPlant:
         bent = q[POSE:].tobytes()
         if self._shape[0] != bent:
             self._shape = bent, footprints(self._geometry, q[None, POSE:], _SAGITTA_M)[0][0]
-        found: Array = placed(self._shape[1], q[None, :POSE])[0]
-        return found
+        return placed(self._shape[1], q[None, :POSE])[0]
 
     def _give_way(self, before: Array, after: Array) -> None:
         """Move objects out of the robot, and then out of each other and of what stands."""
@@ -146,8 +145,7 @@ class ObjectPlant:
 
 def _frame(pose: Array) -> Array:
     """Two points that a body at a pose (3,) carries along, (2, 2)."""
-    found: Array = pose[:2] + np.array([[0.0, 0.0], [math.cos(pose[2]), math.sin(pose[2])]])
-    return found
+    return pose[:2] + np.array([[0.0, 0.0], [math.cos(pose[2]), math.sin(pose[2])]])
 
 
 def _carried_back(at: Array, after: Array, before: Array) -> Array:
@@ -155,5 +153,4 @@ def _carried_back(at: Array, after: Array, before: Array) -> Array:
     (ax, ay), (bx, by) = after[1] - after[0], before[1] - before[0]
     turn = math.atan2(ax * by - ay * bx, ax * bx + ay * by)
     c, s = math.cos(turn), math.sin(turn)
-    found: Array = before[0] + np.array([[c, -s], [s, c]]) @ (at - after[0])
-    return found
+    return before[0] + np.array([[c, -s], [s, c]]) @ (at - after[0])

@@ -174,8 +174,7 @@ def _row_units(setup: Setup, stage: Stage) -> Array:
     """
     straight = np.zeros(setup.coordinates.size)
     _, by_step, *_ = stage.speeds(straight, np.zeros(setup.outputs.count))
-    found: Array = 1 / np.linalg.norm(by_step.full() * setup.scale, axis=1)
-    return found
+    return 1 / np.linalg.norm(by_step.full() * setup.scale, axis=1)
 
 
 def _linearised_speeds(

@@ -61,5 +61,4 @@ def _possible(robot: Robot, drawn: Array) -> NDArray[np.bool_]:
     """True for pairs (m, 2, 3 + n) whose shapes no limit forbids."""
     margins = shape_margins(robot, drawn[:, :, POSE:].reshape(2 * len(drawn), -1))
     least = [margins[limit.name] for limit in SHAPE_LIMITS if not limit.driving]
-    found: NDArray[np.bool_] = np.min(least, axis=0).reshape(-1, 2).min(axis=1) >= 0
-    return found
+    return np.min(least, axis=0).reshape(-1, 2).min(axis=1) >= 0

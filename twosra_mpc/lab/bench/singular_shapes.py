@@ -101,5 +101,4 @@ def _scaled_wheels(robot: Robot, kappa: Sequence[float] | Array) -> Array:
     """Rigid wheel matrix (4, 3) of a shape (n,), wheel radius divided out, turning at 0.1 m."""
     matrix = kinematics(robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], robot.rigid).full()[:, 2:]
     turning = np.array([1.0, 1.0, 1.0 / TURNING_RADIUS_M])
-    found: Array = matrix * robot.geometry.wheel_radius_m * turning
-    return found
+    return matrix * robot.geometry.wheel_radius_m * turning

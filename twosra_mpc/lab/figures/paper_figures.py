@@ -209,8 +209,7 @@ def _draw_study(
 def _share(q: Array, target: Array) -> Array:
     """Published distance to the target as a share of the first."""
     distance = np.linalg.norm(q - target, axis=1)
-    found: Array = np.maximum(distance / distance[0], 1e-9)
-    return found
+    return np.maximum(distance / distance[0], 1e-9)
 
 
 @cache

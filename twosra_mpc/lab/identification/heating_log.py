@@ -87,8 +87,7 @@ class HeatingLog(ArrayValue):
         """Number of the cycle of each sample, from 0 (which also holds what came before)."""
         heating = self.mode == "heating"
         starts = heating & ~np.append(False, heating[:-1])
-        found: NDArray[np.int_] = np.maximum(np.cumsum(starts) - 1, 0)
-        return found
+        return np.maximum(np.cumsum(starts) - 1, 0)
 
     @cached_property
     def spikes(self) -> Flags:

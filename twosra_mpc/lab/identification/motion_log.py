@@ -195,8 +195,7 @@ def _spread(time_s: Array) -> Array:
         each = 1.0 / max(rows, usual) if begin or end else 1.0 / rows
         shift = 1.0 - rows * each if begin and not end else 0.0
         placed[at : at + rows] = stamp + shift + each * np.arange(rows)
-    found: Array = placed - placed[0]
-    return found
+    return placed - placed[0]
 
 
 def _filled_poses(values: Array, source: str) -> Array:

@@ -127,8 +127,7 @@ def _phase(log: MotionLog, robot: Robot, rows: slice) -> PhaseReplay:
         return _states(robot, mode, start, displacements, log.by_wheels)
 
     def bend(q: Array) -> Array:
-        found: Array = (q[:, POSE:] - q[0, POSE:])[:, soft] @ lengths[soft]
-        return found
+        return (q[:, POSE:] - q[0, POSE:])[:, soft] @ lengths[soft]
 
     predicted, bent = _within(robot, states(measured[0], done)), bend(measured)
     expected, as_bent = bend(predicted), None
@@ -166,8 +165,7 @@ def _states(robot: Robot, mode: Mode, start: Array, done: Array, by_wheels: bool
     """Configurations along input displacements, or turns of the wheels, from ``start`` on."""
     if by_wheels:
         return rolled(robot.body, mode, start, done)
-    found: Array = roll_out(robot, start, (mode,), done[None]).states[0]
-    return found
+    return roll_out(robot, start, (mode,), done[None]).states[0]
 
 
 def _within(robot: Robot, states: Array) -> Array:

@@ -68,7 +68,7 @@ class PaperReport:
 
     def document(self) -> Data:
         """Everything as plain data: verdicts, claims and numbers by section."""
-        found: Data = plain_data(
+        return plain_data(
             {
                 "version": __version__,
                 "verdicts": self.verdicts,
@@ -81,7 +81,6 @@ class PaperReport:
                 "numbers": self.data,
             }
         )
-        return found
 
 
 @public

@@ -240,10 +240,7 @@ def _drawn(
     u = np.exp(-0.5 * ((np.arange(shape[1])[:, None] - x) / blur) ** 2)
     v = np.exp(-0.5 * ((np.arange(shape[0])[:, None] - y) / blur) ** 2)
     drawn = v @ u.T
-    found: Array = dark + (peak - dark) * drawn * (along[1] - along[0]) / (
-        np.sqrt(2 * np.pi) * blur
-    )
-    return found
+    return dark + (peak - dark) * drawn * (along[1] - along[0]) / (np.sqrt(2 * np.pi) * blur)
 
 
 def _values(spline: Array, places: Array) -> Array:

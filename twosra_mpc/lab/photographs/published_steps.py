@@ -100,8 +100,7 @@ def _thinned(bright: Mask, seed: int) -> Mask:
     bright = ndimage.binary_erosion(bright, _BRUSH, border_value=1)
     bright = ndimage.binary_dilation(bright, _BRUSH)
     bright = ndimage.uniform_filter(bright.astype(float), _MEDIAN) > 0.5  # median of 0 and 1
-    found: Mask = medial_axis(bright, rng=seed)  # type: ignore[no-untyped-call]
-    return found
+    return medial_axis(bright, rng=seed)  # type: ignore[no-untyped-call]
 
 
 def _outline(thin: Mask) -> Array:

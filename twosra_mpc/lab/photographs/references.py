@@ -97,8 +97,7 @@ def mean_of_cycles(values: Array, cycles: Sequence[slice]) -> Array:
     """Average repeats of a series (n,), each resampled to POINTS places, (POINTS,)."""
     here = np.linspace(0.0, 1.0, POINTS)
     each = [np.interp(here, np.linspace(0.0, 1.0, len(v)), v) for v in (values[c] for c in cycles)]
-    found: Array = np.mean(each, axis=0)
-    return found
+    return np.mean(each, axis=0)
 
 
 def deviation(series: Sequence[tuple[Array, Array]]) -> Deviation:

@@ -206,8 +206,7 @@ def checked_configuration(name: str, values: ArrayLike) -> Vector:
             f"curvatures within +-2 pi / l = +-{CURVATURE_RANGE:z.1f} 1/m, where spirals exist"
         )
         raise InputError(name, given, allowed)
-    found: Vector = given
-    return found
+    return given
 
 
 def distance(a: Vector, b: Vector) -> float:

@@ -88,8 +88,7 @@ def _error_curve(q: Array, goal: Array) -> Array:
     distance = np.linalg.norm(q - goal, axis=1)
     rows = np.linspace(0.0, 1.0, len(q))
     curve = np.interp(np.linspace(0.0, 1.0, TIMES), rows, distance / max(distance.max(), 1e-300))
-    found: Array = curve.round(6)
-    return found
+    return curve.round(6)
 
 
 class SingleMode(NamedTuple):

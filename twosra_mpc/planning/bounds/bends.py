@@ -224,8 +224,7 @@ def free_bends(sequence: ModeSequence, task: BendingTask) -> Intervals:
 
 def middle_bends(sequence: ModeSequence, change: Intervals, free: Intervals) -> Array:
     """Change of W in each phase to the middle of the boxes of what is asked for and of choices."""
-    middle: Array = _solution(sequence)[0] @ np.array([*change, *free]).mean(axis=1)
-    return middle
+    return _solution(sequence)[0] @ np.array([*change, *free]).mean(axis=1)
 
 
 class BendStep(NamedTuple):

@@ -85,8 +85,7 @@ def twist_vertices(speed_rows: Array) -> Array | None:
     regular = np.abs(np.linalg.det(squares)) >= 1e-9 * np.abs(squares).max(axis=(1, 2)) ** 3
     signs = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
     twists = np.linalg.solve(squares[regular, None], signs[None, ..., None]).reshape(-1, 3)
-    found: Array | None = twists[np.abs(twists @ speed_rows.T).max(axis=1) <= 1 + 1e-9]
-    return found
+    return twists[np.abs(twists @ speed_rows.T).max(axis=1) <= 1 + 1e-9]
 
 
 def _bound_to(

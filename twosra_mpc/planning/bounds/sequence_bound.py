@@ -95,8 +95,7 @@ def quickest_bends(sequence: ModeSequence, task: BendingTask, weights: Weights) 
 def mean_bends(sequence: ModeSequence, task: BendingTask) -> Array:
     """Bends to the middle, for where the solver gives up: what each phase takes by itself holds."""
     middle = np.array(task.change).mean(axis=1)
-    found: Array = np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
-    return found
+    return np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
 
 
 def longest_path_bound(

@@ -114,5 +114,4 @@ def _travel_m(nodes: Array, geometry: Geometry, radius: float) -> Array:
     moved, left = np.abs(np.diff(nodes, axis=0)), geometry.inner_link_of_b0
     by_bending = moved[:, POSE:] * reach_per_curvature_m2(geometry)
     bent = np.maximum(by_bending[:, :left].sum(axis=1), by_bending[:, left:].sum(axis=1))
-    found: Array = _CURVED * (np.hypot(moved[:, 0], moved[:, 1]) + radius * moved[:, 2] + bent)
-    return found
+    return _CURVED * (np.hypot(moved[:, 0], moved[:, 1]) + radius * moved[:, 2] + bent)

@@ -177,8 +177,7 @@ def bend_changes(problem: Problem, *goals: GoalSet) -> Array:
     boxes = (end for goal in goals for end in goal.box(start))
     shapes = np.clip([start, *boxes], -limit, limit)[:, POSE:]
     w = bending(problem.robot).coordinates(shapes)
-    changes: Array = (w[1:] - w[0]).reshape(len(goals), 2, -1)
-    return changes
+    return (w[1:] - w[0]).reshape(len(goals), 2, -1)
 
 
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:
@@ -203,8 +202,7 @@ def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) 
     moving = np.abs(moved) > _NO_CHOICE
     room = np.where(moved > 0, box[1] - reached, reached - box[0])[moving]
     share = np.min(room / np.abs(moved[moving]), initial=1.0)
-    changed: Array = bends + max(0.0, float(share)) * step
-    return changed
+    return bends + max(0.0, float(share)) * step
 
 
 def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Array | None:

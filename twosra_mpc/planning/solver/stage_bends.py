@@ -52,8 +52,7 @@ def _into(sequence: ModeSequence, bends: Array, box: Array) -> Array:
     incidence = np.array(sequence, dtype=float).T
     reached = incidence @ bends
     step, *_ = np.linalg.lstsq(incidence, np.clip(reached, *box) - reached, rcond=1e-12)
-    found: Array = bends + step
-    return found
+    return bends + step
 
 
 def shapes(problem: Problem, sequences: Sequence[ModeSequence], bends: Sequence[Array]) -> Array:

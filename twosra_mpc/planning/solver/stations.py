@@ -76,8 +76,7 @@ def around(pose: Array, count: int, reach_m: float) -> Array:
     turn[0] = 0.0
     by = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.pi * turn * abs(turn)])
     by[0] = 0.0
-    poses: Array = pose + by
-    return poses
+    return pose + by
 
 
 def between(goal: Array, end: Array, count: int) -> Array:
