@@ -22,9 +22,9 @@ from once import planned, solved
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot
-from twosra_mpc.execution import run_log
 from twosra_mpc.execution.run import Ending
-from twosra_mpc.execution.run_log import RunFile, load_run
+from twosra_mpc.execution.run_log import load_run
+from twosra_mpc.lab.serial import run_file
 from twosra_mpc.lab.serial.port import stop_command
 from twosra_mpc.lab.serial.pose_lines import LATEST_S, PoseLines, pose_lines
 from twosra_mpc.lab.serial.robot import STOPS, SerialRobot
@@ -391,15 +391,15 @@ def test_every_ending_leaves_a_log(tmp_path: Path, kind: str) -> None:
 def test_a_run_under_way_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan, path, found = planned("paper-2"), tmp_path / "run.json", list[float]()
     firmware = SimulatedFirmware(plan)
-    monkeypatch.setattr(run_log, "SAVED_EVERY_S", 60.0)
-    monkeypatch.setattr(run_log, "time", SimpleNamespace(monotonic=firmware.now_s))
-    written = RunFile.end
+    monkeypatch.setattr(run_file, "SAVED_EVERY_S", 60.0)
+    monkeypatch.setattr(run_file, "time", SimpleNamespace(monotonic=firmware.now_s))
+    written = run_file.RunFile.end
 
-    def looked(file: RunFile, reason: str) -> None:
+    def looked(file: run_file.RunFile, reason: str) -> None:
         written(file, reason)
         found.append(load_run(path).duration_s)
 
-    monkeypatch.setattr(RunFile, "end", looked)
+    monkeypatch.setattr(run_file.RunFile, "end", looked)
     run = stream(plan, firmware.port, firmware, rate_Hz=5.0, log=path)
     assert len(found) > 3
     assert max(np.diff([0.0, *found])) < 60.0 + 20.0  # no phase lasts longer than that

@@ -17,9 +17,9 @@ from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, NoPlanError, Plan, Robot, load_problem, load_robot
 from twosra_mpc import plan as find_plan
-from twosra_mpc.execution.playing import WheelCommand, wheel_commands
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.settings import Patience
+from twosra_mpc.lab.serial.playing import WheelCommand, wheel_commands
 from twosra_mpc.lab.serial.port import PortError, SteppedClock, SystemClock, stop_command
 from twosra_mpc.lab.serial.robot import STOPS
 from twosra_mpc.lab.serial.segments import ModelledSegment

@@ -18,15 +18,16 @@ from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.executor import plan_controller, run_controller
-from twosra_mpc.execution.playing import Playing
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Executed, Run
-from twosra_mpc.execution.run_log import RunFile, RunRecord
+from twosra_mpc.execution.run_log import RunRecord
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.interrupts import deferred_interrupts
+from twosra_mpc.lab.serial.playing import Playing
 from twosra_mpc.lab.serial.port import Clock, Port, SteppedClock
 from twosra_mpc.lab.serial.pose_lines import PoseLines
 from twosra_mpc.lab.serial.robot import RATE_HZ, SerialRobot, connected
+from twosra_mpc.lab.serial.run_file import RunFile
 from twosra_mpc.lab.serial.think_aside import ThinkAside
 from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.plan import Plan, Status
