@@ -19,9 +19,8 @@ from problems import exactly, overlapping_on_the_way_to, random_problem
 from twosra_mpc import InputError, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc import installation as installed
 from twosra_mpc.checking import certificate
-from twosra_mpc.checking.body import nearest
 from twosra_mpc.checking.certificate import Bounded, Checker, Proof, check
-from twosra_mpc.checking.fibre import Fibre, between, low
+from twosra_mpc.checking.fibre import Fibre, between, low, nearest
 from twosra_mpc.checking.melts import heat
 from twosra_mpc.checking.plan_file import load_plan
 from twosra_mpc.model.bending import bending
@@ -30,7 +29,7 @@ from twosra_mpc.planning.proof import Prover
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.modes import all_modes
 from twosra_mpc.timing import transition_model
 

@@ -16,7 +16,7 @@ from twosra_mpc import Goal, Obstacle, Tolerance, World, load_problem, plan
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.placer import Placer
 from twosra_mpc.planning.stages.variants import Placement, goals_of
-from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import Stage
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH
 from twosra_mpc.space import drives, slices

@@ -27,8 +27,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.tolerances import JUMP_TOLERANCE, RATE_TOLERANCE, WHEEL_TOLERANCE_RAD_S
-from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.fitted_paths import PATH_MODELS, with_path_model
+from twosra_mpc.robot.description import PATH_MODELS, segment_model, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.thermal.model import replayed
 

@@ -17,7 +17,7 @@ from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_without
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.infeasibility import impossibility
-from twosra_mpc.robot.fitted_paths import PATH_MODELS, with_path_model
+from twosra_mpc.robot.description import PATH_MODELS, with_path_model
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.timing import transition_model
 

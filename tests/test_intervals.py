@@ -11,7 +11,7 @@ from problems import ROBOT
 
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.fitted_paths import PATH_MODELS, with_path_model
+from twosra_mpc.robot.description import PATH_MODELS, with_path_model
 
 
 def every_operation() -> ca.Function:

@@ -27,7 +27,7 @@ from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.files import locate
 from twosra_mpc.lab.batch.random_set import RandomSet
 from twosra_mpc.problem.goals import Goal
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import with_path_model
 
 pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
 

@@ -16,8 +16,8 @@ from flint import arb
 from matplotlib.figure import Figure
 
 from twosra_mpc import InputError, Robot, load_plan, load_problem, load_robot, plan, robot_names
-from twosra_mpc.checking.body import nearest
 from twosra_mpc.checking.clearance import Surroundings
+from twosra_mpc.checking.fibre import nearest
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.model.kinematics import kinematics

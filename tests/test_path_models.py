@@ -18,7 +18,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.problem.limits import UNIT_GAP, broken_by_shapes, most_gaps_m
-from twosra_mpc.robot.fitted_paths import PATH_MODELS, with_path_model
+from twosra_mpc.robot.description import PATH_MODELS, with_path_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.paths import ArcPath
 

@@ -25,7 +25,7 @@ from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import interval_durations
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 
 Array = NDArray[np.float64]

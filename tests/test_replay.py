@@ -21,7 +21,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import with_path_model
 
 pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
 

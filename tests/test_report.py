@@ -34,11 +34,11 @@ from twosra_mpc.plans.plan import percent
 from twosra_mpc.plans.trajectory import Samples, stiffness_intervals
 from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
-from twosra_mpc.report import Origin, player, report_page, words, write_report
 from twosra_mpc.report import page as page_module
+from twosra_mpc.report import player
+from twosra_mpc.report.page import Origin, bound_sentences, report_page, scenario_toml, write_report
 from twosra_mpc.report.player import Thermometer, lanes, ticks
-from twosra_mpc.report.words import scenario_toml
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import with_path_model
 
 HOSTILE = (
     "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"
@@ -220,7 +220,7 @@ def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
 
 
 def test_the_certificate_says_what_is_proved(paper: Result, page: str) -> None:
-    said = " ".join(words.bound_sentences(paper))
+    said = " ".join(bound_sentences(paper))
     assert f"less than {paper.lower_bound:.4f} s" in said
     longer = f"also sequences longer than the {paper.problem.max_phases} phases"
     assert f"[0,0], [0,1], [1,0], [1,1], {longer}" in said
@@ -233,14 +233,14 @@ def test_the_certificate_says_what_is_proved(paper: Result, page: str) -> None:
     assert "0.8 A until the set-point of 65 °C" in said
     assert "Obstacles and slipping wheels are not part of the model." in page
     weighed = paper.problem.with_values(heating="least_energy")
-    said = " ".join(words.bound_sentences(replace(paper, problem=weighed)))
+    said = " ".join(bound_sentences(replace(paper, problem=weighed)))
     assert "the duration in s + 10 s for every joule of heater energy" in said
 
 
 def test_the_bound_names_the_restrictions_it_holds_for(paper: Result) -> None:
     def said(**changes: Any) -> str:
         problem = paper.problem.with_values(**changes)
-        return " ".join(words.bound_sentences(replace(paper, problem=problem)))
+        return " ".join(bound_sentences(replace(paper, problem=problem)))
 
     text = said(heating="keep_warm", transition_quantile=0.9, heaters_at_once=1)
     assert "kept warm" in text
@@ -252,14 +252,14 @@ def test_the_bound_names_the_restrictions_it_holds_for(paper: Result) -> None:
 
 
 def test_the_bound_of_a_mission_names_its_touches_and_phases() -> None:
-    said = " ".join(words.bound_sentences(solved("pick-and-place")))
+    said = " ".join(bound_sentences(solved("pick-and-place")))
     assert "the touches that were considered" in said
     assert "longer than the 5 phases a task that were searched" in said
 
 
 def test_without_a_bound_nothing_is_claimed() -> None:
     greedy = solved("paper-1", planner="greedy")
-    assert words.bound_sentences(greedy) == []
+    assert bound_sentences(greedy) == []
     text = report_page(greedy)
     assert "What is proved" not in text
     assert "none proved" in text

@@ -12,7 +12,7 @@ from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.cli import main
 from twosra_mpc.lab.commands.fit_paths_command import write_fitted_robot
 from twosra_mpc.lab.identification.path_fitting import fit_spirals, fitted_path_tables
-from twosra_mpc.robot.fitted_paths import PATH_MODELS, with_path_model
+from twosra_mpc.robot.description import PATH_MODELS, with_path_model
 from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 

@@ -143,7 +143,7 @@ CASADI_VALUES_OUTSIDE = frozenset(
         "lab/bench/singular_shapes.py",
         "execution/greedy_rule.py",
         "execution/belief.py",
-        "execution/simulation/motion.py",
+        "execution/simulation/plant.py",
         "planning/greedy.py",
     }
 )

@@ -14,7 +14,7 @@ from twosra_mpc import InputError, Plan
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory, flown
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.timing import transition_model
 
 EXACT = 1e-9  # m, rad, 1/m

@@ -25,7 +25,7 @@ from twosra_mpc.plotting.world_figures import draw_world, names_m, shown_m
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.report import report_page
-from twosra_mpc.report.words import scenario_toml
+from twosra_mpc.report.page import scenario_toml
 from twosra_mpc.robot.coordinates import Array
 
 FAR = Obstacle(name="moon", disc={"x_m": 50.0, "y_m": 0.0, "radius_m": 1.0})

@@ -53,6 +53,6 @@ from twosra_mpc.problem.world import World as World
 from twosra_mpc.robot.description import Robot as Robot
 from twosra_mpc.robot.description import load_robot as load_robot
 from twosra_mpc.robot.description import robot_names as robot_names
-from twosra_mpc.robot.fitted_paths import with_path_model as with_path_model
+from twosra_mpc.robot.description import with_path_model as with_path_model
 from twosra_mpc.robot.modes import Mode as Mode
 from twosra_mpc.schema import json_schema as json_schema

@@ -40,8 +40,7 @@ from twosra_mpc.problem.tolerances import (
     ROUNDING,
 )
 from twosra_mpc.robot.coordinates import Coordinates
-from twosra_mpc.robot.description import Robot, load_robot, robot_names
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import Robot, load_robot, robot_names, with_path_model
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.validation import ArrayValue
 

@@ -16,8 +16,7 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE, workspace_margins
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.stages import Stage
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release, Stage
 from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
     OVERLAP_M,

@@ -24,6 +24,7 @@ from twosra_mpc.files import (
 )
 from twosra_mpc.installation import install_command
 from twosra_mpc.problem.problem import Problem, load_problem
+from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 
 if TYPE_CHECKING:  # CasADi takes a second
@@ -155,11 +156,8 @@ def _load(
     problem = load_problem(scenario, **overrides)
     if exact:
         problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
-    if path_model is None:
-        return problem
-    from twosra_mpc.robot.fitted_paths import with_path_model  # CasADi takes a second
-
-    return problem.with_values(robot=with_path_model(problem.robot, path_model))
+    robot = problem.robot if path_model is None else with_path_model(problem.robot, path_model)
+    return problem.with_values(robot=robot)
 
 
 class Finite(click.FloatRange):

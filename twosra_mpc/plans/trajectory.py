@@ -23,8 +23,7 @@ from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.stages import Stage
-from twosra_mpc.problem.tasks import Pass, Task
+from twosra_mpc.problem.tasks import Pass, Stage, Task
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode

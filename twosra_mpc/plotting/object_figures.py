@@ -19,7 +19,7 @@ from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.trajectory import Stretch, Trajectory
 from twosra_mpc.plotting import figures, plane
-from twosra_mpc.plotting.labels import label
+from twosra_mpc.plotting.figures import label
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries

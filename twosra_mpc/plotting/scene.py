@@ -21,7 +21,7 @@ from PIL import Image
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import figures
-from twosra_mpc.plotting.labels import settle
+from twosra_mpc.plotting.figures import settle
 from twosra_mpc.plotting.object_figures import draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback

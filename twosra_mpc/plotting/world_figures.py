@@ -12,7 +12,7 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plotting import figures
-from twosra_mpc.plotting.labels import label
+from twosra_mpc.plotting.figures import label
 from twosra_mpc.plotting.plane import line, to_one_scale
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array

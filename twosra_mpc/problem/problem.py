@@ -28,8 +28,7 @@ from twosra_mpc.keys import doubts
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, inner_goal, read_only
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.problem.stages import Stage, stages_of
-from twosra_mpc.problem.tasks import Pass, Task, passes, task_problems
+from twosra_mpc.problem.tasks import Pass, Stage, Task, passes, stages_of, task_problems
 from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
 from twosra_mpc.problem.world import Obstacles, Workspace, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array

@@ -1,25 +1,93 @@
-"""Tasks: what to do one after the other, before the goal or instead of one."""
+"""Tasks, one after the other before the goal or instead of one, and the stages that they make."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.problem.goals import Goal, GoalSet
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.problem.world import Obstacle, check_growing
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.validation import Metres, MetresPair, NonNegative, Pair, Radians, Several, Tagged
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stretch of a plan, from the end of the stage before to its own.
+
+    Attributes:
+        modes: Modes that it may use.
+        last: Stiffness at its end; None: any.
+        goal: Goal set in which it ends, if there is one.
+        through: Box that b0 has entered at its end, where it need not be at rest.
+        along: Thing that segments lie along at its end.
+        grasps: Object that is in hand at its end.
+        carries: Pose of the object in hand at its end.
+        releases: Object that is free at its end.
+        least_s: Least duration [s].
+        words: What is done, e.g. "grasp cup".
+        touches: Names of what the robot need not keep clear of.
+        holds: Name of the object that is in hand all the time.
+        task: The task that asks for it; None: the goal does.
+    """
+
+    modes: Sequence[Mode]
+    last: Mode | None = None
+    goal: GoalSet | None = None
+    through: Pass | None = None
+    along: Conform | None = None
+    grasps: Grasp | None = None
+    carries: Carry | None = None
+    releases: Release | None = None
+    least_s: float = 0.0
+    words: str = ""
+    touches: frozenset[str] = frozenset()
+    holds: str | None = None
+    task: Task | None = None
+
+
+def stages_of(
+    tasks: Sequence[Task], goal: GoalSet, modes: Sequence[Mode], held: str | None
+) -> Iterator[Stage]:
+    """Yield the stages of tasks in this order, and of the goal, unless that is anywhere.
+
+    Args:
+        tasks: The tasks.
+        goal: What comes after them.
+        modes: Modes that stages may use.
+        held: Name of the object in hand at t = 0.
+    """
+    along, rests = frozenset[str](), False
+    for number, task in enumerate(tasks, start=1):
+        about = frozenset([task.about] if task.about else ())
+        own, held = task.stage(modes), None if task.lets_go else held
+        touches = along | about if task.touches else along
+        own = replace(own, words=task.said(number), touches=touches, task=task)
+        yield _with_in_hand(own, held)
+        along, rests = about if task.lies_along else frozenset(), task.rests
+        held = task.about if task.takes else held
+    if not (rests and isinstance(goal, Anywhere)):
+        to_goal = Stage(modes, goal.mode, goal, words="reach the goal", touches=along)
+        yield _with_in_hand(to_goal, held)
+
+
+def _with_in_hand(stage: Stage, held: str | None) -> Stage:
+    """The stage with an object in hand, if there is one: then nothing bends."""
+    if held is None:
+        return stage
+    return replace(stage, modes=(rigid_mode(len(stage.modes[0])),), holds=held)
+
 
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 

@@ -1,5 +1,8 @@
 """The page: template, style and script filled in with a plan. Nothing in it leaves the page.
 
+Its words on what was proved and what is kept claim no more than that; scenario, versions and
+commands make the same plan again.
+
 A Content-Security-Policy allows this very style and script, by their hashes, and pictures that are
 part of the page; whatever text a plan file carries can neither run nor fetch anything.
 """
@@ -8,20 +11,26 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import math
+import platform
+import shlex
 from collections.abc import Iterable
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import tomlkit
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import task_costs
 from twosra_mpc.arguments import public
 from twosra_mpc.files import data_file, ending_of, environment, write_text
+from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Plan, Verification, percent
+from twosra_mpc.plans.plan import Plan, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
@@ -29,22 +38,12 @@ from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.problem.limits import LIMITS
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
-from twosra_mpc.report import words
-from twosra_mpc.report.player import (
-    ARC_POINTS,
-    Thermometer,
-    curve,
-    film_of,
-    filmed_box,
-    lanes,
-    mission,
-    pose,
-    surroundings,
-    ticks,
-)
+from twosra_mpc.report import player
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
+from twosra_mpc.timing import transition_model
 
 _COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
@@ -60,7 +59,7 @@ def check_report_path(path: str | Path) -> None:
 
 
 @public
-def write_report(result: Result, path: str | Path, origin: words.Origin | None = None) -> None:
+def write_report(result: Result, path: str | Path, origin: Origin | None = None) -> None:
     """Write a report, atomically.
 
     Args:
@@ -76,7 +75,7 @@ def write_report(result: Result, path: str | Path, origin: words.Origin | None =
 
 
 @public
-def report_page(result: Result, origin: words.Origin | None = None) -> str:
+def report_page(result: Result, origin: Origin | None = None) -> str:
     """Return the report as one HTML document that needs nothing else.
 
     Args:
@@ -102,7 +101,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         document=result.to_dict(),
         sequence=sequence_name(plan.sequence) if plan and plan.phases else "",
         tolerances=(DEFECT_TOLERANCE, GOAL_TOLERANCE),
-        bound_sentences=words.bound_sentences(result),
+        bound_sentences=bound_sentences(result),
         goal=_goal(result.problem, plan.verification) if plan else (),
         limits=LIMITS,
         finite=math.isfinite,
@@ -111,9 +110,9 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         tasks=task_costs(plan) if plan else (),
         motion=_motion(plan) if plan else None,
         origin=origin,
-        scenario=words.scenario_toml(result.problem),
-        commands=words.commands(origin),
-        versions=words.versions(origin),
+        scenario=scenario_toml(result.problem),
+        commands=commands(origin),
+        versions=versions(origin),
     )
 
 
@@ -132,25 +131,27 @@ def _hash(text: str) -> str:
 def _motion(plan: Plan) -> dict[str, Any]:
     """Everything that is drawn: film, timeline, figure."""
     playback, samples = plan_playback(plan), plan.trajectory.samples
-    scale = Thermometer.of(plan)
-    start, *ends = (
-        robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], *_goals(plan))
-    )
-    shapes = [robot_shape(playback.geometry, playback.q, ARC_POINTS), *ends]
-    box = filmed_box(plan.problem, shapes, seen_m(plan.trajectory))
+    scale = player.Thermometer.of(plan)
+    places = playback.q, samples.q[0], *_goals(plan)
+    shapes = [robot_shape(playback.geometry, at, player.ARC_POINTS) for at in places]
+    start, *ends = shapes[1:]
+    box = player.filmed_box(plan.problem, shapes, seen_m(plan.trajectory))
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
-        "data": {"film": film_of(plan, playback), "temperature_C": [scale.low_C, scale.high_C]},
+        "data": {
+            "film": player.film_of(plan, playback),
+            "temperature_C": [scale.low_C, scale.high_C],
+        },
         "moves": plan.trajectory.duration_s > 0.0,
-        "ghosts": [("start", pose(start)), *(("goal", pose(end)) for end in ends)],
-        "mission": mission(plan.trajectory),
+        "ghosts": [("start", player.pose(start)), *(("goal", player.pose(end)) for end in ends)],
+        "mission": player.mission(plan.trajectory),
         "box": box,
         "grid": _grid(box),
-        "around": surroundings(plan.problem, playback.nearest, box),
+        "around": player.surroundings(plan.problem, playback.nearest, box),
         "fibre_mm": 2e3 * playback.geometry.fibre_radius_m,
-        "lanes": lanes(plan, playback.stretch),
-        "ticks": ticks(playback.stretch),
-        "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
+        "lanes": player.lanes(plan, playback.stretch),
+        "ticks": player.ticks(playback.stretch),
+        "curves": [player.curve(samples.t_s, column, playback.stretch) for column in levels],
         "thermometer": scale,
         "figure": picture_address(plot_plan(plan), "svg"),
     }
@@ -192,3 +193,78 @@ def _seconds(value: float) -> str:
         return f"{value:z.2f} s"
     minutes, seconds = divmod(round(value, 1), 60.0)
     return f"{minutes:z.0f} min {seconds:z.1f} s"
+
+
+_LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numbers come from
+
+
+def bound_sentences(result: Result) -> list[str]:
+    """Say what is proved about all other plans, and about which; nothing without a bound."""
+    problem, templates = result.problem, environment("report")
+    if result.lower_bound is None:
+        return []
+    templates.filters["mode"] = mode_name
+    rests = any(task.rests for task in problem.tasks)
+    text = templates.get_template("bound.txt").render(
+        result=result,
+        plan=result.plan,
+        problem=problem,
+        phases=f"{MOST_PHASES} phases a task" if rests else f"{problem.max_phases} phases",
+        timing=transition_model(problem),
+        percent=percent,
+        above_bound=above_bound,
+        within=within,
+    )
+    return text.splitlines()
+
+
+@public
+class Origin(NamedTuple):
+    """The plan file a report is about.
+
+    Attributes:
+        name: Name of the file, without its folder.
+        sha256: Checksum of its bytes, in hexadecimal digits.
+        package: Version of this package that wrote it.
+    """
+
+    name: str
+    sha256: str
+    package: str
+
+    @classmethod
+    def of(cls, name: str, content: bytes) -> Origin:
+        """Describe what is in a plan file that ``plan_in`` has accepted."""
+        return cls(name, hashlib.sha256(content).hexdigest(), json.loads(content)["package"])
+
+
+def scenario_toml(problem: Problem) -> str:
+    """Return the problem as one scenario file: every default filled in, the robot written out."""
+    document = _writable(problem.scenario())
+    robot = _writable(problem.robot.model_dump(mode="json"))
+    return tomlkit.dumps({**document, "robot": robot})
+
+
+def _writable(value: Any) -> Any:
+    """A value without keys that have no value: TOML has none. In lists, they are free."""
+    if isinstance(value, dict):
+        return {key: _writable(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return ["free" if item is None else _writable(item) for item in value]
+    return value
+
+
+def commands(origin: Origin | None) -> str:
+    """Return the shell commands that plan the scenario again and write the report again."""
+    plan_file = shlex.quote(origin.name if origin else "plan.json")
+    return f"twosra plan scenario.toml --out {plan_file}\ntwosra report {plan_file} report.html"
+
+
+def versions(origin: Origin | None) -> list[tuple[str, str]]:
+    """Return (what, version) of everything that made the plan and the report."""
+    rows = [("twosra-mpc that made the plan", origin.package)] if origin else []
+    rows += [
+        ("twosra-mpc that wrote this report", __version__),
+        ("Python", platform.python_version()),
+    ]
+    return rows + [(name, version(name)) for name in _LIBRARIES]

@@ -7,6 +7,7 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 from __future__ import annotations
 
 import math
+import tomllib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,12 +18,21 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, doubt
-from twosra_mpc.files import built_in_names, check_kind, locate, read_document, read_text, reading
+from twosra_mpc.files import (
+    built_in_names,
+    check_kind,
+    data_file,
+    locate,
+    read_document,
+    read_text,
+    reading,
+)
 from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
+from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
 from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Heater, Segment
@@ -32,6 +42,7 @@ from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
+
 
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
@@ -263,3 +274,40 @@ def robot_document(source: str | Path) -> TOMLDocument:
     if path.suffix == ".json":
         raise InputError("robot", str(source), "a TOML file, to be copied with its comments")
     return tomlkit.parse(read_text(path, str(source)))
+
+
+SPIRALS = ("log_spiral", "log_spiral_corrected")
+
+
+@public
+def with_path_model(robot: Robot, model: str) -> Robot:
+    """Return ``robot`` with the path model of this name.
+
+    A robot that has spiral parameters keeps them for both readings of Table I; parameters that it
+    lacks are those fitted to its lengths, if these are a built-in robot's. ``arc`` measures v_j at
+    the side wheels.
+
+    Raises:
+        InputError: If there is no such path model, or no fit to these lengths.
+    """
+    if model not in PATH_MODELS:
+        raise InputError("path.model", model, f"one of {', '.join(PATH_MODELS)}")
+    if model == robot.path.model:
+        return robot
+    if model == "arc":
+        table = {"model": "arc", "speed_reference": "side_wheel"}
+    elif isinstance(robot.path, LogSpiralPath) and model in SPIRALS:
+        table = {**robot.path.model_dump(), "model": model}
+    else:
+        table = _fitted(robot.geometry, model)
+    return robot.with_values(path=table)
+
+
+def _fitted(geometry: Geometry, model: str) -> dict[str, Any]:
+    """The ``[path]`` table of a model, fitted to these lengths."""
+    lengths = {"segment_length_m": geometry.lengths_m[0], "middle_link_m": geometry.middle_link_m}
+    for fit in tomllib.loads(data_file("robot/fitted_paths.toml"))["fit"]:
+        if fit["path"]["model"] == model and lengths.items() <= fit.items():
+            return dict(fit["path"])
+    allowed = "one that the robot file has: twosra fit-paths fits spirals and cardioids to lengths"
+    raise InputError("path.model", model, allowed)

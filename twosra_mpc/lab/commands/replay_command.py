@@ -13,8 +13,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Robot, load_robot
-from twosra_mpc.robot.fitted_paths import with_path_model
+from twosra_mpc.robot.description import Robot, load_robot, with_path_model
 from twosra_mpc.robot.modes import mode_name
 
 

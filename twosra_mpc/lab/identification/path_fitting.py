@@ -16,7 +16,7 @@ towards +y; the paper's spiral angle theta and the successor's phi are turn + a 
 Source of the set-up: Table I, whose numbers it reproduces to 0.1 % (a, b) and 0.5 % (centre); in
 the table the sign of c_x of row II is that of the mirrored frame.
 
-`twosra_mpc.robot.fitted_paths` has the fits to the lengths of the built-in robots.
+`twosra_mpc.robot.description` has the fits to the lengths of the built-in robots.
 """
 
 from __future__ import annotations

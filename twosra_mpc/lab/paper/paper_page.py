@@ -9,8 +9,7 @@ from pathlib import Path
 from twosra_mpc.files import data_file, environment
 from twosra_mpc.lab.paper.claims import Verdict
 from twosra_mpc.lab.paper.section import Section
-from twosra_mpc.report.page import policy
-from twosra_mpc.report.words import versions
+from twosra_mpc.report.page import policy, versions
 
 _FOLDER = "lab/paper"
 # Everything that the paper shows -> where it is in this report, or why it is not.

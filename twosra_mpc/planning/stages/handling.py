@@ -16,8 +16,7 @@ from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.stages import Stage
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, carries
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts

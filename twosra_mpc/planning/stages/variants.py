@@ -15,8 +15,7 @@ import numpy as np
 
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.stages import Stage
-from twosra_mpc.problem.tasks import Pass, Task, orders
+from twosra_mpc.problem.tasks import Pass, Stage, Task, orders
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array, composed
 
