@@ -341,7 +341,7 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
         assert process.stderr is not None
         process.stdout.close()
         told = process.stderr.read()
-    assert (process.returncode, told) == (output.EXIT_BROKEN_PIPE, b"")
+    assert (process.returncode, told) == (output.Exit.BROKEN_PIPE, b"")
 
 
 # --- help ----------------------------------------------------------------------------------------

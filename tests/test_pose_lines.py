@@ -22,8 +22,7 @@ from once import planned, solved
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot
-from twosra_mpc.execution.run import Ending
-from twosra_mpc.execution.run_log import load_run
+from twosra_mpc.execution.run import Ending, load_run
 from twosra_mpc.lab.serial import run_file
 from twosra_mpc.lab.serial.port import stop_command
 from twosra_mpc.lab.serial.pose_lines import LATEST_S, PoseLines, pose_lines

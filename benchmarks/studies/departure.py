@@ -20,7 +20,7 @@ from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, Problem, plan
 from twosra_mpc.execution import Executor, ExecutorSettings, SimulatedRobot
 from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.run_log import RunRecord
+from twosra_mpc.execution.run import RunRecord
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.geometry import Geometry

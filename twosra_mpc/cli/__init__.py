@@ -20,22 +20,8 @@ from typing import TextIO
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc.cli.output import (
-    EXIT_BAD_INPUT,
-    EXIT_BROKEN_PIPE,
-    EXIT_BUG,
-    EXIT_INFEASIBLE,
-    EXIT_INTERRUPTED,
-    EXIT_NO_PLAN,
-)
-from twosra_mpc.errors import (
-    ContradictionError,
-    InputError,
-    InputWarning,
-    NoPlanError,
-    TwosraError,
-    printable,
-)
+from twosra_mpc import errors
+from twosra_mpc.cli.output import Exit
 from twosra_mpc.files import data_file
 from twosra_mpc.installation import __version__
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
@@ -153,13 +139,13 @@ def _warnings_in_words() -> Iterator[list[str]]:
             file: TextIO | None = None,
             line: str | None = None,
         ) -> None:
-            if issubclass(category, InputWarning):
+            if issubclass(category, errors.InputWarning):
                 told.append(str(message))
                 click.echo(f"twosra: warning: {message}", err=True)
             else:
                 usual(message, category, filename, lineno, file, line)
 
-        warnings.simplefilter("default", InputWarning)
+        warnings.simplefilter("default", errors.InputWarning)
         warnings.showwarning = show
         yield told
 
@@ -180,35 +166,35 @@ def _run(arguments: list[str] | None, interrupts: Interrupts, told: list[str]) -
 
 def _interrupted() -> int:
     click.echo("twosra: interrupted before there was a result", err=True)
-    return EXIT_INTERRUPTED
+    return Exit.INTERRUPTED
 
 
 def _failed(error: Exception, *, debug: bool) -> int:
     """Say what went wrong; returns the exit code."""
     match error:
-        case InputError():
-            said, code = str(error), EXIT_BAD_INPUT
-        case NoPlanError():
+        case errors.InputError():
+            said, code = str(error), Exit.BAD_INPUT
+        case errors.NoPlanError():
             said = str(error)
-            code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
+            code = Exit.INFEASIBLE if error.status == "infeasible" else Exit.NO_PLAN
         case click.ClickException():
             if isinstance(error, click.UsageError) and (hint := _meant(error)):
                 error = click.UsageError(f"{error.format_message()} {hint}", error.ctx)
             error.show()
-            return EXIT_BAD_INPUT
+            return Exit.BAD_INPUT
         case BrokenPipeError():  # whoever read the output has seen enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return EXIT_BROKEN_PIPE
+            return Exit.BROKEN_PIPE
         case OSError():
-            said, code = _in_words(error), EXIT_BAD_INPUT
-        case TwosraError() if not isinstance(error, ContradictionError):  # the robot's end
-            said, code = str(error), EXIT_NO_PLAN
+            said, code = _in_words(error), Exit.BAD_INPUT
         case MemoryError():
-            said, code = "this takes more memory than there is", EXIT_BAD_INPUT
+            said, code = "this takes more memory than there is", Exit.BAD_INPUT
+        case errors.TwosraError() if not isinstance(error, errors.ContradictionError):
+            said, code = str(error), Exit.NO_PLAN  # the robot's end
         case _:  # the last resort
-            said, code = _bug(error), EXIT_BUG
+            said, code = _bug(error), Exit.BUG
     click.echo(f"twosra: {said}", err=True)
-    if debug and code == EXIT_BUG:
+    if debug and code == Exit.BUG:
         traceback.print_exception(error)
     return code
 
@@ -236,7 +222,7 @@ def _takes_scenario(error: click.UsageError) -> bool:
 
 def _bug(error: Exception) -> str:
     """Message for an error that nobody foresaw."""
-    found = printable(f"{type(error).__name__}: {error}")
+    found = errors.printable(f"{type(error).__name__}: {error}")
     return (
         f"this is a bug ({found}). Please report it with the command, its files, what"
         ' "twosra doctor" prints and what --debug adds'

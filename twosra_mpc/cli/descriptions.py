@@ -10,17 +10,10 @@ from typing import Any, Literal, get_args
 import click
 from click.shell_completion import CompletionItem
 
+from twosra_mpc import files
 from twosra_mpc.cli.options import NewFile, command
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import (
-    built_in_names,
-    data_file,
-    is_device,
-    locate,
-    read_text,
-    write_text,
-)
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_document, robot_names
 
@@ -74,7 +67,7 @@ _FIRST_ROBOT = "2sra-v1"
 
 def _built_in(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
     """Complete a built-in name; of which kind is not known before the option has its value."""
-    names = [name for folder in _FOLDERS.values() for name in built_in_names(folder)]
+    names = [name for folder in _FOLDERS.values() for name in files.built_in_names(folder)]
     return [CompletionItem(name) for name in names if name.startswith(begun)]
 
 
@@ -84,7 +77,7 @@ class _New(NewFile):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Turn a name into a path; "-" is standard output."""
         path = Path(value)
-        if value == "-" or is_device(path) or path.suffix == ".toml":
+        if value == "-" or files.is_device(path) or path.suffix == ".toml":
             return super().convert(value, param, ctx)
         if not path.name.strip(".") or path.suffix in (".json", ".yaml", ".yml", ".txt"):
             raise InputError("NAME", value, "a name with or without .toml")
@@ -117,7 +110,7 @@ def new_command(kind: Kind, path: Path, source: str | None, force: bool, output:
     text = _text(kind, source, path.stem)
     if os.path.isfile(path) and not force:
         raise InputError("NAME", str(path), "the name of a new file, or --force to replace this")
-    write_text(path, text)
+    files.write_text(path, text)
     following = _following(kind, path, source)
     shown = "\n".join([f"{path} is written. Edit it, then:", *(f"  {line}" for line in following)])
     document = {"file": str(path), "kind": kind, "from": source, "next": following}
@@ -129,14 +122,14 @@ def _text(kind: Kind, source: str | None, name: str) -> str:
     if kind == "robot":
         return _robot(source or _FIRST_ROBOT, name)
     if source is None:
-        return data_file(f"cli/new_{kind}.toml")
+        return files.data_file(f"cli/new_{kind}.toml")
     _check_built_in(source, kind)
-    return read_text(locate(source, _FOLDERS["scenario"], "--from"), source)
+    return files.read_text(files.locate(source, _FOLDERS["scenario"], "--from"), source)
 
 
 def _robot(source: str, name: str) -> str:
     """Return a robot file under another name: one that differs from a built-in robot needs it."""
-    if name in built_in_names("robots"):
+    if name in files.built_in_names("robots"):
         raise InputError("NAME", name, "a name that no built-in robot has")
     _check_built_in(source, "robot")
     document = robot_document(source)
@@ -145,7 +138,7 @@ def _robot(source: str, name: str) -> str:
 
 
 def _check_built_in(source: str, kind: Kind) -> None:
-    names = built_in_names(_FOLDERS[kind]) if kind in _FOLDERS else []
+    names = files.built_in_names(_FOLDERS[kind]) if kind in _FOLDERS else []
     if source not in names:
         raise InputError("--from", source, f"one of {', '.join(names)}")
 

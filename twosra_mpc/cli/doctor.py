@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.cli.options import command
-from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.installation import DISTRIBUTION, __version__, install_command
 from twosra_mpc.planning.planner import plan
@@ -70,7 +70,7 @@ def doctor_command(output: Output) -> int:
             [(each.verdict, each.what, each.details) for each in findings],
         ),
     )
-    return EXIT_NO_PLAN if failed else EXIT_PLANNED
+    return Exit.NO_PLAN if failed else Exit.PLANNED
 
 
 def examine() -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import Activity
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import SCENARIO, Load, command, scenario_options
-from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.plans.plan import Status
 
@@ -45,8 +45,8 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     if not found.complete:
         click.echo(f"twosra: interrupted: {found.message}", err=True)
     if found.result.status is Status.INFEASIBLE:
-        return EXIT_INFEASIBLE
-    return EXIT_PLANNED if found.result.found and found.complete else EXIT_NO_PLAN
+        return Exit.INFEASIBLE
+    return Exit.PLANNED if found.result.found and found.complete else Exit.NO_PLAN
 
 
 def _explanation(found: Explanation) -> dict[str, Any]:

@@ -13,15 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from twosra_mpc import files
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import (
-    built_in_names,
-    check_writable,
-    ending_of,
-    outputs_are_no_inputs,
-    stream_of,
-)
 from twosra_mpc.installation import install_command
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.description import with_path_model
@@ -40,7 +34,7 @@ def _built_in(folder: str) -> Callable[..., list[CompletionItem]]:
     """Complete the name of a built-in scenario or robot, or of a file."""
 
     def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
-        names = [name for name in built_in_names(folder) if name.startswith(begun)]
+        names = [name for name in files.built_in_names(folder) if name.startswith(begun)]
         return [*map(CompletionItem, names), CompletionItem(begun, type="file")]
 
     return complete
@@ -115,9 +109,9 @@ def command(name: str) -> Callable[[Function], click.Command]:
         @functools.wraps(function)
         def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
             outputs = click.get_current_context().meta.get("outputs", ())
-            free = "stdout" not in map(stream_of, outputs)
+            free = "stdout" not in map(files.stream_of, outputs)
             chosen = Output(as_json=as_json and free, quiet=quiet or not free)
-            with outputs_are_no_inputs(outputs):
+            with files.outputs_are_no_inputs(outputs):
                 return function(output=chosen, **given)
 
         words = _EXTRA.sub(lambda found: install_command(found[1]), function.__doc__ or "")
@@ -176,7 +170,7 @@ class NewFile(click.Path):
 
     def __init__(self, *checks: Check) -> None:
         super().__init__(path_type=Path)
-        self._checks = (check_writable, *checks)
+        self._checks = (files.check_writable, *checks)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Turn what was given into a path, and check it; "-" is standard output."""
@@ -211,7 +205,7 @@ def ending(*allowed: str) -> Check:
     """Return the check that a file has one of these endings."""
 
     def check(target: Path) -> None:
-        ending_of(target, *allowed)
+        files.ending_of(target, *allowed)
 
     return check
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import json
 import math
 import os
@@ -17,12 +18,18 @@ import click
 from twosra_mpc.files import plain_data
 
 _WIDTH = 100  # characters: of tables in files and pipes
-EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4  # 2: click's own
-EXIT_UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
-EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
-EXIT_BUG, EXIT_INTERRUPTED = 70, 130  # as sysexits.h and shells have them
-
 Tell = Callable[[str], None]
+
+
+class Exit(enum.IntEnum):
+    """Exit codes of the commands."""
+
+    PLANNED = 0
+    BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
+    BAD_INPUT = 2  # click's own
+    INFEASIBLE, NO_PLAN = 3, 4
+    UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
+    BUG, INTERRUPTED = 70, 130  # as sysexits.h and shells have them
 
 
 @dataclass(frozen=True)

@@ -18,27 +18,8 @@ from twosra_mpc.checking.plan_file import (
     load_plan,
     refined,
 )
-from twosra_mpc.cli.options import (
-    ACCEPT_PAPER_WHEELS,
-    FILE,
-    ROBOT,
-    SOURCE,
-    Finite,
-    animation,
-    command,
-    drivable_plan,
-    ending,
-    out_argument,
-    rate_option,
-)
-from twosra_mpc.cli.output import (
-    EXIT_BAD_INPUT,
-    EXIT_NO_PLAN,
-    EXIT_PLANNED,
-    Output,
-    counting,
-    print_table,
-)
+from twosra_mpc.cli import options
+from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
@@ -56,8 +37,8 @@ _UNPROVED = 5e-4  # share of a reported bound that a certificate may leave open
 _ROUNDING = 1e-9  # relative
 
 
-@command("verify")
-@click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=SOURCE)
+@options.command("verify")
+@click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=options.SOURCE)
 @click.option("--proof", is_flag=True, help="Prove the lower bound anew by the certificates.")
 def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
     """Check PLAN files independently of what they say of themselves.
@@ -78,7 +59,7 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
     And does its certificate prove that no plan costs less?
       twosra verify plan.json --proof
     """
-    code = EXIT_PLANNED
+    code = Exit.PLANNED
     checked: dict[str, PlanCheck] = {}
     with output.progress("verifying") as tell:
         for path in plans:
@@ -87,13 +68,13 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
                 checked[path] = _with_proof(check_plan(path)) if proof else check_plan(path)
             except InputError as error:
                 click.echo(f"twosra: {error}", err=True)
-                code = EXIT_BAD_INPUT
+                code = Exit.BAD_INPUT
     if checked:
         output.report(
             lambda: [_verdict(path, check) for path, check in checked.items()],
             lambda: _print_verdicts(checked),
         )
-    return code if all(check.ok for check in checked.values()) else EXIT_NO_PLAN
+    return code if all(check.ok for check in checked.values()) else Exit.NO_PLAN
 
 
 def _with_proof(found: PlanCheck) -> PlanCheck:
@@ -151,10 +132,10 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
         click.echo("\n  ".join([f"{path}: {verdict}", *found.problems]))
 
 
-@command("resample")
-@click.argument("plan", type=FILE)
-@out_argument(ending(".csv", ".json"))
-@rate_option("Ticks per second.", required=True)
+@options.command("resample")
+@click.argument("plan", type=options.FILE)
+@options.out_argument(options.ending(".csv", ".json"))
+@options.rate_option("Ticks per second.", required=True)
 def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> None:
     """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
 
@@ -200,11 +181,11 @@ _OF_ROBOTS = {".xml": _world, ".urdf": _chain}
 _OF_PLANS = {".mcap": save_ros2_bag, ".csv": save_authors_csv}
 
 
-@command("export")
-@click.argument("source", metavar="PLAN|ROBOT|SCENARIO", **ROBOT)
-@ACCEPT_PAPER_WHEELS
-@out_argument(ending(*_OF_PLANS, *_OF_ROBOTS))
-@rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
+@options.command("export")
+@click.argument("source", metavar="PLAN|ROBOT|SCENARIO", **options.ROBOT)
+@options.ACCEPT_PAPER_WHEELS
+@options.out_argument(options.ending(*_OF_PLANS, *_OF_ROBOTS))
+@options.rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
 def export_command(
     source: str, accept_paper_wheels: bool, out: Path, rate_Hz: float | None, output: Output
 ) -> None:
@@ -241,7 +222,7 @@ def export_command(
         write_text(out, text)
         output.record((described.name, "exported"), {"file": str(out), "robot": described.name})
         return
-    plan = drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
+    plan = options.drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
     robot, duration_s = plan.robot.name, plan.duration_s
     with output.progress(f"writing {out}"):
         _OF_PLANS.get(kind, save_ros2_bag)(plan, out, rate_Hz)  # a pipe has no ending
@@ -255,9 +236,9 @@ def _page(target: Path) -> None:
     check_report_path(target)
 
 
-@command("report")
-@click.argument("plan", type=FILE)
-@out_argument(_page)
+@options.command("report")
+@click.argument("plan", type=options.FILE)
+@options.out_argument(_page)
 def report_command(plan: Path, out: Path, output: Output) -> None:
     """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 
@@ -281,12 +262,12 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
     output.record((given.problem.robot.name, "report"), document)
 
 
-_FILM_S = Finite(1.0, 120.0)
+_FILM_S = options.Finite(1.0, 120.0)
 
 
-@command("animate")
-@click.argument("plan", type=FILE)
-@out_argument(animation)
+@options.command("animate")
+@click.argument("plan", type=options.FILE)
+@options.out_argument(options.animation)
 @click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
 def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
     """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
@@ -303,7 +284,7 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
     loaded = load_plan(plan)
     if not loaded.found:
         click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)
-        return EXIT_NO_PLAN
+        return Exit.NO_PLAN
     made = loaded.require()
     from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
 
@@ -311,4 +292,4 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
         animate_plan(made, out, duration_s=seconds, on_progress=counting(tell, "animating: frame"))
     document = {"file": str(out), "bytes": out.stat().st_size}
     output.record((made.robot.name, "animation"), document)
-    return EXIT_PLANNED
+    return Exit.PLANNED

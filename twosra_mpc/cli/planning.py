@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from twosra_mpc.cli import options
-from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.installation import require
 from twosra_mpc.planning.conclusion import Progress
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
@@ -151,6 +151,6 @@ def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
 def exit_code(*results: Result) -> int:
     """Exit code of a command that plans these: of the worst of them."""
     if any(result.status is Status.INFEASIBLE for result in results):
-        return EXIT_INFEASIBLE
+        return Exit.INFEASIBLE
     finished = all(result.found and not result.stopped_early for result in results)
-    return EXIT_PLANNED if finished else EXIT_NO_PLAN
+    return Exit.PLANNED if finished else Exit.NO_PLAN

@@ -10,14 +10,7 @@ import click
 import numpy as np
 
 from twosra_mpc.cli import options
-from twosra_mpc.cli.output import (
-    EXIT_NO_PLAN,
-    EXIT_PLANNED,
-    EXIT_UNSEEN,
-    Output,
-    counting,
-    print_table,
-)
+from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import Ending, times
 from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M, LEVELS, disturbance_level
@@ -121,8 +114,8 @@ def simulate_command(
         output.report(lambda: document, lambda: _print_runs(problem, result, found))
     missed = {each.ending for each in found if not each.reached}
     if missed == {Ending.UNSEEN}:
-        return EXIT_UNSEEN
-    return EXIT_NO_PLAN if missed else EXIT_PLANNED
+        return Exit.UNSEEN
+    return Exit.NO_PLAN if missed else Exit.PLANNED
 
 
 def _print_run(simulation: Simulation) -> None:

@@ -10,7 +10,7 @@ from twosra_mpc.execution.robot_interface import RobotError as RobotError
 from twosra_mpc.execution.robot_interface import RobotInterface as RobotInterface
 from twosra_mpc.execution.run import Ending as Ending
 from twosra_mpc.execution.run import Run as Run
-from twosra_mpc.execution.run_log import load_run as load_run
+from twosra_mpc.execution.run import load_run as load_run
 from twosra_mpc.execution.settings import ExecutorSettings as ExecutorSettings
 from twosra_mpc.execution.settings import Patience as Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS as LEVELS

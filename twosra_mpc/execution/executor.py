@@ -13,8 +13,7 @@ from twosra_mpc.execution.following import Following, Think
 from twosra_mpc.execution.greedy_rule import Greedy
 from twosra_mpc.execution.guard import guard_of
 from twosra_mpc.execution.robot_interface import Camera, RobotInterface, stopped_after
-from twosra_mpc.execution.run import Run
-from twosra_mpc.execution.run_log import RunRecord
+from twosra_mpc.execution.run import Run, RunRecord
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.planning.planner import plan_again

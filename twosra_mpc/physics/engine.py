@@ -22,15 +22,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.installation import require
-from twosra_mpc.physics.mjcf import (
-    HINGES,
-    SERVO_N_M_PER_RAD,
-    SERVO_N_M_S,
-    STEP_S,
-    WALL,
-    mjcf,
-    springs,
-)
+from twosra_mpc.physics import mjcf
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -67,8 +59,8 @@ class Engine:
         physics: Physics,
         melted: Sequence[float],
         *,
-        hinges: int = HINGES,
-        step_s: float = STEP_S,
+        hinges: int = mjcf.HINGES,
+        step_s: float = mjcf.STEP_S,
     ) -> None:
         """Put the robot where the problem starts.
 
@@ -89,7 +81,7 @@ class Engine:
 
         mujoco.set_mju_user_warning(lambda text: None)  # else it writes a log file; see `roll`
         self._mujoco, self.physics, self._step_s = mujoco, physics, step_s
-        text = mjcf(robot, physics, problem=problem, hinges=hinges, step_s=step_s)
+        text = mjcf.mjcf(robot, physics, problem=problem, hinges=hinges, step_s=step_s)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
         self._lengths_m, self._hinges = np.array(robot.geometry.lengths_m), hinges
@@ -109,9 +101,8 @@ class Engine:
         self._stiffen()
         self._viewer: Any = None
         names = [self.model.body(number).name for number in range(self.model.nbody)]
-        self._walls = {
-            n: name.removeprefix(WALL) for n, name in enumerate(names) if name.startswith(WALL)
-        }
+        walls = [n for n, name in enumerate(names) if name.startswith(mjcf.WALL)]
+        self._walls = {n: names[n].removeprefix(mjcf.WALL) for n in walls}
         self._things = {self.model.body(item.name).id for item in problem.objects}
         self.touched = ""
         self.roll(np.zeros(WHEELS), melted, _SETTLING_S)
@@ -191,8 +182,8 @@ class Engine:
 
     def _unwind(self) -> None:
         """Keep a blocked servo from running ahead of its wheel farther than its torque needs."""
-        most = self.physics.wheel_torque_N_m + SERVO_N_M_S * np.abs(self.data.ctrl)
-        ahead, angle = most / SERVO_N_M_PER_RAD, self.data.qpos[self._wheels]
+        most = self.physics.wheel_torque_N_m + mjcf.SERVO_N_M_S * np.abs(self.data.ctrl)
+        ahead, angle = most / mjcf.SERVO_N_M_PER_RAD, self.data.qpos[self._wheels]
         self.data.act[:] = np.clip(self.data.act, angle - ahead, angle + ahead)
 
     def _addresses(self, joints: Sequence[str]) -> NDArray[np.int64]:
@@ -218,7 +209,7 @@ class Engine:
         pieces_m = self._lengths_m / self._hinges
         each = zip(self._bends, self._solid.tolist(), self._rest_rad, pieces_m, strict=True)
         for hinges, solid, rest_rad, piece_m in each:
-            stiffness, neutral_rad = springs(self.physics, solid, rest_rad, piece_m)
+            stiffness, neutral_rad = mjcf.springs(self.physics, solid, rest_rad, piece_m)
             self.model.jnt_stiffness[hinges] = stiffness
             self.model.dof_damping[hinges] = stiffness * self.physics.relaxation_s
             self.model.dof_frictionloss[hinges] = self.physics.soft_friction_N_m

@@ -21,14 +21,7 @@ from numpy.typing import NDArray
 from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Interval, Phase, Stretch, stiffness_intervals
-from twosra_mpc.plotting.figures import (
-    BESIDE,
-    PLANNED_COLOUR,
-    SEGMENT_COLOURS,
-    STAGE_COLOUR,
-    STATES,
-    segment_curve,
-)
+from twosra_mpc.plotting import figures
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.validation import Positive, Share
@@ -41,7 +34,7 @@ COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
     "heading": (slice(2, 3), (r"$\phi$",), "heading\n[rad]"),
     "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
 }
-STAGE_LINE: dict[str, Any] = {"color": STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
+STAGE_LINE: dict[str, Any] = {"c": figures.STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
 SIZE_PT, LEAST_PT = 8.5, 5.0  # of words above a time axis
 LEVEL = 0.28  # height of the words of a stage, of that of a curve
 LETTER = 0.0095  # width of a letter on the time axis
@@ -118,7 +111,7 @@ def plan_stretch(plan: Plan) -> TimeStretch:
 @public
 def draw_timeline(ax: Axes, plan: Plan) -> Axes:
     """Draw stiffness and heaters: a lane a segment, its heater current below, motion in grey."""
-    draw_lanes(ax, plan).legend(handles=state_handles(), **BESIDE)
+    draw_lanes(ax, plan).legend(handles=state_handles(), **figures.BESIDE)
     return draw_motion(ax, plan)
 
 
@@ -128,7 +121,7 @@ def draw_lanes(ax: Axes, plan: Plan) -> Axes:
     draw_stiffness(ax, stiffness_intervals(plan.trajectory), 0.5)
     for row, current in enumerate(reversed(samples.heater_current_A.T)):
         top = row - 0.5 + 0.2 * current / full
-        style: dict[str, Any] = {"step": "post", **STATES["heater current"]}
+        style: dict[str, Any] = {"step": "post", **figures.STATES["heater current"]}
         ax.fill_between(samples.t_s, row - 0.5, top, **style)
     ax.set(ylim=(-0.55, samples.mode.shape[1] - 0.7))
     ax.tick_params(axis="y", length=0)
@@ -139,7 +132,7 @@ def draw_stiffness(ax: Axes, intervals: Sequence[Sequence[Interval]], height: fl
     """Draw a bar a segment, the first on top, in the colours of its states."""
     for row, each in enumerate(reversed(intervals)):
         for start_s, end_s, state in each:
-            ax.barh(row, end_s - start_s, height, start_s, **STATES[state])
+            ax.barh(row, end_s - start_s, height, start_s, **figures.STATES[state])
     names = [f"segment {number}" for number in range(len(intervals), 0, -1)]
     ax.set_yticks(range(len(intervals)), names)
     return ax
@@ -203,7 +196,7 @@ def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> Axe
         ax.plot([stage.to_s] * 2, [-0.5, level + 0.75], **STAGE_LINE)
         words: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": SIZE_PT}
         told = stage_words(number, stage)
-        ax.annotate(told, (stage.to_s, level + 0.4), (3, 0), color=STAGE_COLOUR, **words)
+        ax.annotate(told, (stage.to_s, level + 0.4), (3, 0), color=figures.STAGE_COLOUR, **words)
     ax.set(ylim=(-0.5, max(levels, default=0) + 0.9), yticks=[])
     ax.spines[:].set_visible(False)
     ax.tick_params(axis="x", length=0, labelbottom=False)
@@ -225,7 +218,8 @@ def phase_duration(phase: Phase) -> str:
 
 def state_handles(*without: str) -> list[Patch]:
     """Legend of the colours of ``draw_timeline``."""
-    return [Patch(label=name, **look) for name, look in STATES.items() if name not in without]
+    shown = figures.STATES.keys() - {*without}
+    return [Patch(label=name, **look) for name, look in figures.STATES.items() if name in shown]
 
 
 @public
@@ -233,7 +227,7 @@ def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature
     """Draw position, heading or the curvatures over time."""
     samples, (columns, names, label) = plan.trajectory.samples, COORDINATES[coordinate]
     for j, (values, name) in enumerate(zip(samples.q[:, columns].T, names, strict=False)):
-        ax.plot(samples.t_s, values, label=name, **segment_curve(j))
+        ax.plot(samples.t_s, values, label=name, **figures.segment_curve(j))
     return finished(ax, label)
 
 
@@ -248,7 +242,7 @@ def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
 def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array, drawstyle: str = "default") -> Axes:
     """Draw speeds of the four wheels, (rows, 4)."""
     for wheel, speed in enumerate(wheel_rad_s.T):
-        style = segment_curve(wheel // 2, ("-", "--")[wheel % 2])
+        style = figures.segment_curve(wheel // 2, ("-", "--")[wheel % 2])
         ax.plot(time_s, speed, label=f"wheel {wheel + 1}", drawstyle=drawstyle, **style)
     return finished(ax, "wheel speed\n[rad/s]")
 
@@ -267,13 +261,13 @@ def temperatures(
     """Draw temperatures, set-points and readings of the segments, each (rows,) and (rows, n)."""
     mark_melting(ax, melting_C)
     for j, (of_segment, setpoint) in enumerate(zip(warm[1].T, asked[1].T, strict=True)):
-        ax.plot(warm[0], of_segment, label=f"segment {j + 1}", **segment_curve(j))
+        ax.plot(warm[0], of_segment, label=f"segment {j + 1}", **figures.segment_curve(j))
         if sensed is not None:
-            ax.plot(sensed[0], sensed[1][:, j], **segment_curve(j, ":"))
-        ax.step(asked[0], setpoint, where="post", **segment_curve(j, "--"))
+            ax.plot(sensed[0], sensed[1][:, j], **figures.segment_curve(j, ":"))
+        ax.step(asked[0], setpoint, where="post", **figures.segment_curve(j, "--"))
     if sensed is not None:
-        ax.plot([], [], c=PLANNED_COLOUR, lw=1, ls=":", label="by the sensor")
-    ax.plot([], [], c=PLANNED_COLOUR, lw=1, ls="--", label="set-point")
+        ax.plot([], [], c=figures.PLANNED_COLOUR, lw=1, ls=":", label="by the sensor")
+    ax.plot([], [], c=figures.PLANNED_COLOUR, lw=1, ls="--", label="set-point")
     return finished(ax, "temperature\n[°C]")
 
 
@@ -288,11 +282,10 @@ def mark_melting(ax: Axes, melting_C: tuple[float, float]) -> None:
 def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
     """Draw expected melt fractions over time."""
     samples = plan.trajectory.samples
-    for j, (liquid, colour) in enumerate(
-        zip(samples.melt_fraction.T, SEGMENT_COLOURS, strict=False), start=1
-    ):
-        ax.plot(samples.t_s, liquid, label=f"segment {j}", **segment_curve(j - 1))
-        ax.fill_between(samples.t_s, liquid, color=colour, alpha=0.15, lw=0)
+    for j, liquid in enumerate(samples.melt_fraction.T):
+        look = figures.segment_curve(j)
+        ax.plot(samples.t_s, liquid, label=f"segment {j + 1}", **look)
+        ax.fill_between(samples.t_s, liquid, color=look["color"], alpha=0.15, lw=0)
     finished(ax, "melt\nfraction [-]").set_ylim(0.0, 1.12)
     return ax
 
@@ -303,5 +296,5 @@ def finished(ax: Axes, label: str) -> Axes:
     ax.set(ymargin=0.12)
     ax.set_ylabel(label, fontsize=SIZE_PT)
     many = len(ax.get_legend_handles_labels()[1]) > 5
-    ax.legend(**BESIDE, **({"fontsize": 7, "labelspacing": 0.2} if many else {}))
+    ax.legend(**figures.BESIDE, **({"fontsize": 7, "labelspacing": 0.2} if many else {}))
     return ax

@@ -10,14 +10,6 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem import limits
-from twosra_mpc.problem.limits import (
-    WHEEL_ACCELERATION,
-    WHEEL_SPEED,
-    motion_function,
-    settled,
-    shape_margins,
-    speed_limits,
-)
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
@@ -65,7 +57,7 @@ def driven(
     next_to[stops] = len(rows) + np.arange(len(stops))
     ends = rows[stops] + 1
     *shares, turning, ended, moved = by_modes(
-        motion_function(robot),
+        limits.motion_function(robot),
         np.concatenate([q[rows], q[np.minimum(ends, len(q) - 1)]]),
         np.concatenate([begin, after[stops]]),
         np.concatenate([rate, rate[stops]]),
@@ -75,11 +67,12 @@ def driven(
     first, last = q[rows], q[np.minimum(rows + 1, len(q) - 1)]
     bent = dt / 8 * (moved[: len(rows)] - moved[next_to])  # Hermite's cubic in between
     at = (first + last) / 2 + bent, (begin + after) / 2, rate, rate, modes
-    *midway, middle, _, _ = by_modes(motion_function(robot), *at)
+    *midway, middle, _, _ = by_modes(limits.motion_function(robot), *at)
     places = [
         np.stack([x[: len(rows)], y, x[next_to]]) for x, y in zip(shares, midway, strict=True)
     ]
-    wheels = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
+    turned = places[limits.speed_limits(robot).index(limits.WHEEL_SPEED)]
+    wheels = turned * limits.WHEEL_SPEED.most(robot)
     return Driven(rows, places, wheels, np.stack([turning[: len(rows)], middle, ended[next_to]]))
 
 
@@ -87,16 +80,16 @@ def margins(
     robot: Robot, q: Array, v: Array, a: Array, found: Driven
 ) -> Iterator[tuple[str, float]]:
     """Yield (name, least margin) of every limit that a robot has; inf where nothing is limited."""
-    for limit, shares in zip(speed_limits(robot), found.shares, strict=True):
+    for limit, shares in zip(limits.speed_limits(robot), found.shares, strict=True):
         most = limit.most(robot)
-        yield limit.name, settled(most * (1 - float(np.abs(shares).max(initial=0.0))), most)
+        yield limit.name, limits.settled(most * (1 - float(np.abs(shares).max(initial=0.0))), most)
     if (most_rad_s2 := robot.limits.wheel_acceleration_rad_s2) is not None:
         fastest = float(np.abs(found.wheel_rad_s2).max(initial=0.0))
-        yield WHEEL_ACCELERATION.name, settled(most_rad_s2 - fastest, most_rad_s2)
+        yield limits.WHEEL_ACCELERATION.name, limits.settled(most_rad_s2 - fastest, most_rad_s2)
     kappa = q[:, POSE:]
     changes = (kappa[1:] != kappa[:-1]).any(axis=1)
     shapes = np.concatenate([kappa[:1], kappa[1:][changes]])
-    margin = shape_margins(robot, np.concatenate([shapes, (shapes[1:] + shapes[:-1]) / 2]))
+    margin = limits.shape_margins(robot, np.concatenate([shapes, (shapes[1:] + shapes[:-1]) / 2]))
     driving = v[:, 2:].any(axis=1) | a[:, 2:].any(axis=1)
     driven_in = np.append(0, np.cumsum(changes))[driving]
     for shape in limits.SHAPE_LIMITS:

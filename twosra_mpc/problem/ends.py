@@ -21,14 +21,6 @@ from twosra_mpc.keys import unit_of
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import (
-    BODY_GAP,
-    broken_by_shapes,
-    may_drive_in,
-    overlap_in_words,
-    shape_margins,
-    workspace_margins,
-)
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
@@ -66,11 +58,11 @@ def check_shapes(problem: Problem) -> None:
 
 def _what_lacks(robot: Robot, shape: Array, which: str) -> str:
     """Words for the shape limit that a shape (n,) violates, and by how much."""
-    limit = broken_by_shapes(robot, shape)
+    limit = limits.broken_by_shapes(robot, shape)
     assert limit is not None, "it is forbidden"
-    if limit is BODY_GAP:
-        return f"another shape; in {which} {overlap_in_words(robot, shape)}"
-    short = -float(shape_margins(robot, shape)[limit.name][0])
+    if limit is limits.BODY_GAP:
+        return f"another shape; in {which} {limits.overlap_in_words(robot, shape)}"
+    short = -float(limits.shape_margins(robot, shape)[limit.name][0])
     unit = unit_of(limit.name)
     amount = f"{1e3 * short:z.1f} mm" if unit == "m" else f"{short:z.3g} {unit}"
     return f"another shape; {which} is {amount} short: {limit.words(robot.limits)}"
@@ -90,7 +82,7 @@ def check_workspace(problem: Problem) -> None:
     if problem.workspace is None:
         return
     for name, q in ends_to_check(problem):
-        margins = workspace_margins(problem, q)
+        margins = limits.workspace_margins(problem, q)
         if margins.max() < 0:
             allowed = (
                 f"a robot inside the workspace; here it is {-1e3 * margins[0]:z.1f} mm outside"
@@ -128,7 +120,7 @@ def may_drive(problem: Problem | Alone, sequence: ModeSequence) -> tuple[bool, .
         loose = not before and not exact(problem.goal)
         if not (before or after) or loose or np.isnan(shape).any():
             return True
-        return bool(may_drive_in(problem.robot, shape).all())
+        return bool(limits.may_drive_in(problem.robot, shape).all())
 
     return tuple(allowed(phase) for phase in range(len(sequence)))
 
@@ -165,7 +157,7 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
     names, steep, steepest = _steepness(body, bool(half.any()))
     while 0 < len(middles) <= _MOST:
-        margins = shape_margins(body, middles)
+        margins = limits.shape_margins(body, middles)
         margin = np.array([margins[name] for name in names])
         left_per_m = (margin / steepest).min(axis=0)
         at = int(left_per_m.argmax())

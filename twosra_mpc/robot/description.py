@@ -16,17 +16,9 @@ from weakref import WeakValueDictionary
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from twosra_mpc import files
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, doubt
-from twosra_mpc.files import (
-    built_in_names,
-    check_kind,
-    data_file,
-    locate,
-    read_document,
-    read_text,
-    reading,
-)
 from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
@@ -248,9 +240,9 @@ def load_robot(source: str | Path) -> Robot:
     Raises:
         InputError: If there is no such robot, or the file describes it wrongly.
     """
-    document = read_document(locate(source, "robots", "robot"), str(source))
-    check_kind(document, "robot", str(source))
-    with reading(str(source), "robot"):
+    document = files.read_document(files.locate(source, "robots", "robot"), str(source))
+    files.check_kind(document, "robot", str(source))
+    with files.reading(str(source), "robot"):
         robot = Robot.parse(document, str(source))
     doubt(robot.unit_doubts, str(source))
     return robot
@@ -259,7 +251,7 @@ def load_robot(source: str | Path) -> Robot:
 @public
 def robot_names() -> list[str]:
     """Names of the built-in robots."""
-    return built_in_names("robots")
+    return files.built_in_names("robots")
 
 
 def robot_document(source: str | Path) -> TOMLDocument:
@@ -270,10 +262,10 @@ def robot_document(source: str | Path) -> TOMLDocument:
     """
     import tomlkit  # half a second
 
-    path = locate(source, "robots", "robot")
+    path = files.locate(source, "robots", "robot")
     if path.suffix == ".json":
         raise InputError("robot", str(source), "a TOML file, to be copied with its comments")
-    return tomlkit.parse(read_text(path, str(source)))
+    return tomlkit.parse(files.read_text(path, str(source)))
 
 
 SPIRALS = ("log_spiral", "log_spiral_corrected")
@@ -306,7 +298,7 @@ def with_path_model(robot: Robot, model: str) -> Robot:
 def _fitted(geometry: Geometry, model: str) -> dict[str, Any]:
     """The ``[path]`` table of a model, fitted to these lengths."""
     lengths = {"segment_length_m": geometry.lengths_m[0], "middle_link_m": geometry.middle_link_m}
-    for fit in tomllib.loads(data_file("robot/fitted_paths.toml"))["fit"]:
+    for fit in tomllib.loads(files.data_file("robot/fitted_paths.toml"))["fit"]:
         if fit["path"]["model"] == model and lengths.items() <= fit.items():
             return dict(fit["path"])
     allowed = "one that the robot file has: twosra fit-paths fits spirals and cardioids to lengths"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from twosra_mpc.cli.options import FILE, command
-from twosra_mpc.cli.output import EXIT_INTERRUPTED, EXIT_PLANNED, Output
+from twosra_mpc.cli.output import Exit, Output
 from twosra_mpc.files import read_text
 from twosra_mpc.installation import BATCH, require
 from twosra_mpc.interrupts import noted_interrupts
@@ -75,9 +75,9 @@ def batch_command(
     except KeyboardInterrupt:
         told = f"{folder.done().sum()} of {len(problems)} problems are planned"
         click.echo(f"twosra: interrupted: {told}; the same command goes on", err=True)
-        return EXIT_INTERRUPTED
+        return Exit.INTERRUPTED
     _report(out, len(problems) - int(done.sum()), time.perf_counter() - started, output)
-    return EXIT_PLANNED
+    return Exit.PLANNED
 
 
 def _planned(

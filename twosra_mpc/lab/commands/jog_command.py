@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 import click
 
 from twosra_mpc.cli.options import ROBOT, command
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, Tell
+from twosra_mpc.cli.output import Exit, Output, Tell
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.lab.bench.jog import Asked, Jog, Keys, for_a_time, heated_mode, jog, wheels_of_twist
@@ -98,14 +98,14 @@ def _drive(robot: Robot, port: str | None, asked: Asked, cold: bool, output: Out
         line = Recorder(clock)
         jog(robot, line, clock, asked, cold=True)
         output.report(lambda: line.sent, lambda: robot_line.show_lines(line.sent))
-        return EXIT_PLANNED
+        return Exit.PLANNED
 
     def drive() -> int:
         with output.progress("listening for temperatures") as tell:
             told = _Told(tell)
             jog(robot, opened, SystemClock(), asked, cold=cold, on_reading=told)
         output.record(("jogged", robot.name), {"known at the end": told.words})
-        return EXIT_PLANNED
+        return Exit.PLANNED
 
     with robot_line.line_to(port) as opened:
         return robot_line.exit_code_of(drive)

@@ -7,7 +7,7 @@ from contextlib import closing
 
 import click
 
-from twosra_mpc.cli.output import EXIT_NO_PLAN
+from twosra_mpc.cli.output import Exit
 from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.lab.serial.port import SerialPort, open_serial_port
 from twosra_mpc.lab.serial.stream import SentLine
@@ -59,4 +59,4 @@ def exit_code_of(drive: Callable[[], int]) -> int:
         click.echo(f"twosra: {error}", err=True)
     except KeyboardInterrupt:
         click.echo("twosra: interrupted; wheels and heaters are off", err=True)
-    return EXIT_NO_PLAN
+    return Exit.NO_PLAN

@@ -16,7 +16,7 @@ from twosra_mpc.cli.options import (
     ending,
     file_option,
 )
-from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, EXIT_UNSEEN, Output, print_table
+from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.lab.commands import robot_line
 from twosra_mpc.lab.serial.markers import load_markers
@@ -115,7 +115,7 @@ def stream_command(
     if port is None:
         sent = preview(plan, rate_Hz)
         output.report(lambda: sent, lambda: robot_line.show_lines(sent))
-        return EXIT_PLANNED
+        return Exit.PLANNED
     with ExitStack() as open_until_the_end:
         opened = open_until_the_end.enter_context(robot_line.line_to(port))
         poses = None
@@ -146,9 +146,9 @@ def _ending_code(plan: Plan, run: Run, output: Output) -> int:
     document = {"ending": run.ending, "reason": run.reason, "drives": run.drives}
     output.report(lambda: document, lambda: _print_drives(plan, run))
     if run.ending in (Ending.LOGGED, Ending.REACHED):
-        return EXIT_PLANNED
+        return Exit.PLANNED
     click.echo(f"twosra: {run.ending}: {run.reason}", err=True)
-    return EXIT_UNSEEN if run.ending is Ending.UNSEEN else EXIT_NO_PLAN
+    return Exit.UNSEEN if run.ending is Ending.UNSEEN else Exit.NO_PLAN
 
 
 def _where(state: StreamState) -> str:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from twosra_mpc.execution.run import Ending, Executed, Run, Verdict
-from twosra_mpc.execution.run_log import RunRecord
+from twosra_mpc.execution.run import Ending, Executed, Run, RunRecord, Verdict
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.plan import Plan
 

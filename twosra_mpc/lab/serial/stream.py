@@ -19,8 +19,7 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.executor import plan_controller, run_controller
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.run import Executed, Run
-from twosra_mpc.execution.run_log import RunRecord
+from twosra_mpc.execution.run import Executed, Run, RunRecord
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.interrupts import deferred_interrupts
 from twosra_mpc.lab.serial.playing import Playing
