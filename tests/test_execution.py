@@ -18,7 +18,7 @@ from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.course import HeaterSchedule, Progress
 from twosra_mpc.execution.driving import Pulses, predicted_curvatures, settling
-from twosra_mpc.execution.executor import Executor, GreedyExecutor, plan_controller
+from twosra_mpc.execution.executor import Executor, plan_controller
 from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
@@ -358,7 +358,7 @@ def test_the_greedy_rule_reaches_the_goal_without_a_plan() -> None:
 
 def test_the_greedy_rule_goes_on_without_a_heater_or_says_so() -> None:
     robot = SimulatedRobot(problem(), "as-planned", broken_heaters=[1])
-    run = GreedyExecutor(robot).run(problem())
+    run = Executor(robot).drive(problem())
     assert run.ending is Ending.HEATER_FAILED
     assert "heater 1 failed" in run.reason
 
@@ -369,13 +369,13 @@ def test_the_greedy_rule_says_that_it_knows_two_segments() -> None:
     straight = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0] * 3}
     task = Problem(robot=three, start=straight, goal={"x_m": 0.1})
     with pytest.raises(InputError, match="the greedy rule knows two segments"):
-        GreedyExecutor(SimulatedRobot(problem())).run(task)
+        Executor(SimulatedRobot(problem())).drive(task)
 
 
 def test_the_greedy_rule_says_that_it_knows_no_tasks() -> None:
     task = problem("rigid-move").with_values(tasks=[{"do": "pass", "x_m": [0.05, 0.06]}])
     with pytest.raises(InputError, match="the greedy rule knows no tasks"):
-        GreedyExecutor(SimulatedRobot(problem())).run(task)
+        Executor(SimulatedRobot(problem())).drive(task)
 
 
 def test_an_unknown_executor_is_refused() -> None:

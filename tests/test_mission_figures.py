@@ -24,9 +24,9 @@ from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.plans.trajectory import Stretch, stretches
 from twosra_mpc.plotting import (
     figures,
-    object_figures,
     plot_plan,
     timeline_figures,
+    world_figures,
 )
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
@@ -64,16 +64,16 @@ def drawn_objects(ax: Any) -> list[Array]:
 
 def outlines(made: Plan, time_s: float) -> list[Array]:
     poses = object_poses(made.trajectory, np.array([time_s]))[0]
-    return object_figures.outlines_m(made.problem, poses)
+    return world_figures.outlines_m(made.problem, poses)
 
 
 def test_a_disc_is_drawn_on_its_edge_and_a_box_by_its_corners() -> None:
     disc = Object(name="a", pose={"x_m": 0, "y_m": 0}, disc={"radius_m": 0.03})
-    round_about = object_figures.outline_m(disc, np.array([0.2, 0.1, 0.0])) - [0.2, 0.1]
+    round_about = world_figures.outline_m(disc, np.array([0.2, 0.1, 0.0])) - [0.2, 0.1]
     assert np.hypot(*round_about.T) == pytest.approx(0.03)
     box = {"x_m": (-0.02, 0.02), "y_m": (-0.01, 0.01)}
     cube = Object(name="b", pose={"x_m": 0, "y_m": 0}, box=box)
-    turned = object_figures.outline_m(cube, np.array([0.0, 0.0, np.pi / 2]))
+    turned = world_figures.outline_m(cube, np.array([0.0, 0.0, np.pi / 2]))
     assert sorted(np.abs(turned).ravel()) == pytest.approx([0.01] * 4 + [0.02] * 4)
 
 
@@ -81,7 +81,7 @@ def test_in_a_film_what_is_held_moves_with_the_robot_and_else_rests() -> None:
     made, playback = fetched(), plan_playback(fetched(), 0.1)
     scene = Scene(playback, ("robot", "end"), 1.0)
     grasped_s, carried_s, _ = made.trajectory.done_s
-    own = object_figures.outline_m(made.problem.objects[0], np.zeros(3))
+    own = world_figures.outline_m(made.problem.objects[0], np.zeros(3))
     for row in (0, 300, *np.searchsorted(playback.time_s, [grasped_s + 3, carried_s]).tolist()):
         scene.image(row)
         (drawn,) = drawn_objects(scene.figure.axes[0])
@@ -149,7 +149,7 @@ def test_a_mission_without_a_goal_draws_none_and_prints_no_nan() -> None:
 def test_goals_on_the_way_are_drawn_as_ghosts() -> None:
     made = reshaped()
     ends = made.trajectory.configuration([*made.trajectory.done_s, made.duration_s])
-    assert np.array(object_figures.goals(made.trajectory)) == pytest.approx(ends)
+    assert np.array(world_figures.goals(made.trajectory)) == pytest.approx(ends)
     assert page("reshaped").count('class="ghost goal"') == 3
     dashed = [line for line in plot_plan(made).axes[0].lines if line.get_linestyle() == "--"]
     assert len(dashed) == 3 * made.robot.geometry.segments

@@ -309,7 +309,8 @@ def test_an_object_is_where_its_pose_puts_its_frame(pose: tuple[float, float, fl
 def test_objects_are_in_the_way_until_told_otherwise() -> None:
     problem = mission(*PICK)
     assert [item.name for item in problem.world.obstacles] == ["wall"]
-    assert [item.name for item in problem.world_at_start.obstacles] == ["wall", "cup", "box"]
+    poses = [each.pose.pose for each in problem.objects]
+    assert [item.name for item in problem.world_with(poses).obstacles] == ["wall", "cup", "box"]
     moved = problem.world_with([None, np.array([1.0, 2.0, 0.0])])
     assert [item.name for item in moved.obstacles] == ["wall", "box"]
     assert moved.obstacles[1].corners_m.mean(axis=0) == pytest.approx([1.0, 2.0])

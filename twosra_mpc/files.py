@@ -190,7 +190,7 @@ def document_in(text: str, path: Path, source: str) -> dict[str, Any]:
     return toml_document(text, source)
 
 
-def toml_document(text: str, source: str, allowed: str = "valid TOML") -> dict[str, Any]:
+def toml_document(text: str, source: str) -> dict[str, Any]:
     """Read the text of a TOML file into a dictionary.
 
     Raises:
@@ -200,7 +200,7 @@ def toml_document(text: str, source: str, allowed: str = "valid TOML") -> dict[s
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         hint = near_toml(text, str(error))
-        raise InputError("file", source, f"{allowed} ({error})", hint=hint) from error
+        raise InputError("file", source, f"valid TOML ({error})", hint=hint) from error
 
 
 _KINDS = {  # kind of file -> keys that it has, and what takes it

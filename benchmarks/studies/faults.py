@@ -20,7 +20,6 @@ from benchmarks.problems import Choices, labelled
 from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, plan
 from twosra_mpc.execution import Executor
-from twosra_mpc.execution.executor import GreedyExecutor
 from twosra_mpc.validation import plain
 
 Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
@@ -107,7 +106,7 @@ def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) 
     robot = ForeignRobot(made.problem, seed, "" if fault == "none" else fault, begins_s)
     try:
         if executor == "greedy":
-            run = GreedyExecutor(robot).run(made.problem)
+            run = Executor(robot).drive(made.problem)
         else:
             run = Executor(robot, think=robot.think).run(made)
         ending, reason = str(run.ending), run.reason

@@ -15,7 +15,7 @@ from benchmarks.foreign import TICK_S, ForeignRobot
 from benchmarks.problems import labelled
 from twosra_mpc import plan
 from twosra_mpc.execution import Executor, Reading, RobotError, greedy_rule
-from twosra_mpc.execution.executor import ExecutorSettings, GreedyExecutor, plan_controller
+from twosra_mpc.execution.executor import ExecutorSettings, plan_controller
 from twosra_mpc.execution.following import Following
 from twosra_mpc.execution.run import Ending, Run
 
@@ -46,7 +46,7 @@ def goes_back(reading: Reading) -> Reading:
 def driven(robot: ForeignRobot, made: Any, executor: str) -> Run:
     """Drive the robot as far as it goes."""
     if executor == "greedy":
-        return GreedyExecutor(robot).run(made.problem)
+        return Executor(robot).drive(made.problem)
     return Executor(robot).run(made)
 
 

@@ -22,7 +22,6 @@ from twosra_mpc import Problem
 from twosra_mpc.execution import Executor, Reading, RobotError
 from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter, usable
 from twosra_mpc.execution.doubt import DRIVE_M, Doubt, DoubtError
-from twosra_mpc.execution.executor import GreedyExecutor
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.kinematics import kinematics
@@ -175,7 +174,7 @@ def test_a_caller_that_raises_stops_the_robot(executor: str) -> None:
     robot.hook = fail  # type: ignore[assignment]
     drive: Callable[[], Any] = partial(Executor(robot).run, made)
     if executor == "greedy":
-        drive = partial(GreedyExecutor(robot).run, made.problem)
+        drive = partial(Executor(robot).drive, made.problem)
     with pytest.raises(BrokenError):
         drive()
     assert robot.off

@@ -268,16 +268,13 @@ def _events(before: ControllerState, after: ControllerState) -> tuple[Event, ...
     return tuple(Event(after.time_s, kind, after.stiffness) for kind in kinds)
 
 
-def stiffness_controller(
-    robot: Robot, ambient_C: float, segment: int, gains: ControllerGains | None = None
-) -> StiffnessController:
+def stiffness_controller(robot: Robot, ambient_C: float, segment: int) -> StiffnessController:
     """Build the controller of a segment.
 
     Args:
         robot: The robot.
         ambient_C: Temperature of the air.
         segment: Which segment, from 0.
-        gains: Gains; default: `CURRENT_GAINS` or `POWER_GAINS`, as the segment is described.
 
     Raises:
         InputError: If the robot file has no ``[segment]``.
@@ -285,7 +282,7 @@ def stiffness_controller(
     heater, sensor = robot.heater, temperature_sensor(robot, ambient_C, segment)
     by_power = robot.thermal_segment(segment).heat_follows == "power"
     return StiffnessController(
-        gains=gains or (POWER_GAINS if by_power else CURRENT_GAINS),
+        gains=POWER_GAINS if by_power else CURRENT_GAINS,
         rule=stiffness_rule(robot, ambient_C, segment),
         full_current_A=heater.melt_current_A,
         ambient_C=ambient_C,

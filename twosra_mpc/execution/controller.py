@@ -21,6 +21,7 @@ from twosra_mpc.execution.guard import TooNearError
 from twosra_mpc.execution.robot_interface import Command, Reading
 from twosra_mpc.execution.run import Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.coordinates import Array
 
 Trouble = SegmentError | DoubtError | TooNearError
@@ -80,6 +81,20 @@ class Looking:
         if not left or belief.reading.stiffness != self._stiffness:
             return self.then()
         return rest(belief, belief.setpoint_C, _LOOK_PERIODS * belief.camera.period_s)
+
+
+def look_at_objects(belief: Belief, patience: Patience, then: Callable[[], Next]) -> Next:
+    """A look at objects alone, if there are any."""
+    if belief.objects is None:
+        return then()
+    belief.objects.forget()
+    return Looking(belief, np.zeros_like(belief.q), patience.objects_s, then)
+
+
+def look_at_robot(belief: Belief, patience: Patience, then: Callable[[], Next]) -> Looking:
+    """A look at where the robot has come to."""
+    accuracy = belief.accuracy.scale(belief.problem.robot.coordinates)
+    return Looking(belief, patience.certain * accuracy, patience.look_s, then)
 
 
 def rest(
@@ -148,8 +163,8 @@ class Controller:
         """Stand, and look where that is, before anything is done about a trouble."""
         belief, policy = self.belief, self.policy
         if isinstance(trouble, TooNearError):
-            never = np.zeros_like(belief.q)
-            return Looking(belief, never, _STOPPED_S, partial(policy.troubled, trouble))
+            then = partial(policy.troubled, trouble)
+            return Looking(belief, np.zeros_like(belief.q), _STOPPED_S, then)
         if isinstance(trouble, DoubtError):
             belief.doubt_segments(trouble.segments)
         return policy.troubled(trouble)

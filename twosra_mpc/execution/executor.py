@@ -129,22 +129,12 @@ class Executor:
             NoPlanError: If the plan is not verified.
             RobotError: If the robot cannot be driven any more.
         """
-        if plan.require().robot != self.robot.robot:
-            allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
-            raise InputError("plan.robot", plan.robot.name, allowed)
+        plan.require().check_robot(self.robot.robot)
         controller = plan_controller(plan, self.robot.camera, self.settings, self.think)
         return run_controller(self.robot, controller, self.on_command)
 
-
-@dataclass(frozen=True)
-class GreedyExecutor:
-    """Drives a robot to a goal by the greedy rule alone; there is no plan."""
-
-    robot: RobotInterface
-    settings: ExecutorSettings = field(default_factory=ExecutorSettings)
-
-    def run(self, problem: Problem) -> Run:
-        """Drive to the goal; the robot must be where the problem starts. At the end it is off.
+    def drive(self, problem: Problem) -> Run:
+        """Drive to a goal by the greedy rule alone; the robot must be where the problem starts.
 
         Raises:
             RobotError: If the robot cannot be driven any more.
@@ -152,4 +142,4 @@ class GreedyExecutor:
                 tasks.
         """
         controller = greedy_controller(problem, self.robot.camera, self.settings)
-        return run_controller(self.robot, controller)
+        return run_controller(self.robot, controller, self.on_command)

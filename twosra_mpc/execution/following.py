@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.controller import Activity, Looking, Next, Trouble
+from twosra_mpc.execution.controller import Activity, Next, Trouble, look_at_objects, look_at_robot
 from twosra_mpc.execution.course import Abort, Course, Waiting
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.driving import Driving, Pulses
@@ -98,8 +98,7 @@ class Following:
         """Drive a phase; after the last, look where the robot has come to."""
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
-            scale = self.patience.certain * belief.accuracy.scale(self.problem.robot.coordinates)
-            return Looking(belief, scale, self.patience.look_s, self._at_the_end)
+            return look_at_robot(belief, self.patience, self._at_the_end)
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self._driving = Driving(self, index)
@@ -287,17 +286,10 @@ class _DueTasks:
 
     def _look(self) -> Next:
         """Look at objects, and where the robot is."""
-        belief, patience = self._run.belief, self._run.patience
-        if belief.objects is None:
-            return self._look_at_robot()
-        belief.objects.forget()
-        never = np.zeros_like(belief.q)
-        return Looking(belief, never, patience.objects_s, self._look_at_robot)
+        return look_at_objects(self._run.belief, self._run.patience, self._look_at_robot)
 
     def _look_at_robot(self) -> Next:
-        belief, patience = self._run.belief, self._run.patience
-        accuracy = belief.accuracy.scale(self._run.problem.robot.coordinates)
-        return Looking(belief, patience.certain * accuracy, patience.look_s, self._on)
+        return look_at_robot(self._run.belief, self._run.patience, self._on)
 
     def _on(self) -> Next:
         self._looked = True

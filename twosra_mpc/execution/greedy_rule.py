@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.controller import Activity, Looking, Next, Trouble, rest
+from twosra_mpc.execution.controller import Activity, Next, Trouble, look_at_robot, rest
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.driving import Pulses
 from twosra_mpc.execution.robot_interface import Command
@@ -51,8 +51,7 @@ class Greedy:
 
     def begin(self) -> Activity:
         """Look before a mode is chosen."""
-        patience = self.settings.patience
-        return Looking(self.belief, patience.certain * self._scale, patience.look_s, self._chosen)
+        return look_at_robot(self.belief, self.settings.patience, self._chosen)
 
     def _chosen(self) -> Next:
         """Choose a mode, or end."""

@@ -11,7 +11,7 @@ import numpy as np
 from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.belief import Metal
-from twosra_mpc.execution.controller import Activity, Looking, Next, rest
+from twosra_mpc.execution.controller import Activity, Next, look_at_objects, rest
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
@@ -75,11 +75,7 @@ class Replanning:
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
         if run.mission.holding is not None and not self._rigid:  # no soft robot holds anything
             return self._cool()
-        if belief.objects is None:
-            return self._plan()
-        belief.objects.forget()
-        never = np.zeros_like(belief.q)
-        return Looking(belief, never, settings.patience.objects_s, self._plan)
+        return look_at_objects(belief, settings.patience, self._plan)
 
     def _plan(self) -> Next:
         try:

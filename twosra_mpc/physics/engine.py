@@ -58,9 +58,6 @@ class Engine:
         robot: Robot,
         physics: Physics,
         melted: Sequence[float],
-        *,
-        hinges: int = mjcf.HINGES,
-        step_s: float = mjcf.STEP_S,
     ) -> None:
         """Put the robot where the problem starts.
 
@@ -69,8 +66,6 @@ class Engine:
             robot: The robot with its true lengths.
             physics: Masses, stiffness and friction.
             melted: Melt fraction of each segment.
-            hinges: Of each segment.
-            step_s: Longest time step.
 
         Raises:
             InputError: If MuJoCo is not installed, or the wheels cannot carry the robot.
@@ -80,14 +75,14 @@ class Engine:
         import mujoco  # type: ignore[import-untyped]
 
         mujoco.set_mju_user_warning(lambda text: None)  # else it writes a log file; see `roll`
-        self._mujoco, self.physics, self._step_s = mujoco, physics, step_s
-        text = mjcf.mjcf(robot, physics, problem=problem, hinges=hinges, step_s=step_s)
+        self._mujoco, self.physics = mujoco, physics
+        text = mjcf.mjcf(robot, physics, problem=problem)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
-        self._lengths_m, self._hinges = np.array(robot.geometry.lengths_m), hinges
+        self._lengths_m, self._hinges = np.array(robot.geometry.lengths_m), mjcf.HINGES
         count = robot.geometry.segments
-        names = [f"bend{j + 1}_{k + 1}" for j in range(count) for k in range(hinges)]
-        self._bends = self._addresses(names).reshape(count, hinges)
+        names = [f"bend{j + 1}_{k + 1}" for j in range(count) for k in range(mjcf.HINGES)]
+        self._bends = self._addresses(names).reshape(count, mjcf.HINGES)
         self._wheels = self._addresses([f"wheel{number + 1}" for number in range(WHEELS)])
         self._pose = self._addresses(_POSE_JOINTS)
         self._objects = np.array(
@@ -132,7 +127,7 @@ class Engine:
             DivergedError: If the state is not finite any more, or the engine says so.
         """
         self._freeze(1.0 - np.asarray(melted))
-        steps = max(1, round(duration_s / self._step_s))
+        steps = max(1, round(duration_s / mjcf.STEP_S))
         self.model.opt.timestep = duration_s / steps
         self.data.ctrl[:] = turned / duration_s
         began_s = time.monotonic()

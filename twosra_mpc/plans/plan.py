@@ -221,6 +221,16 @@ class Plan(ArrayValue):
             raise NoPlanError(Status.FAILED, f"it does not verify: {self.verification.problems[0]}")
         return self
 
+    def check_robot(self, robot: Robot) -> None:
+        """Check that the plan is for a robot.
+
+        Raises:
+            InputError: If it is for another, or one with other values.
+        """
+        if self.robot != robot:
+            allowed = f"a plan for this very robot, {robot.name}, with all its values"
+            raise InputError("plan.robot", self.robot.name, allowed)
+
     def rest_at(self, time_s: float) -> Problem:
         """The problem that is left at a time, to be planned again from the plan's own state then.
 

@@ -17,7 +17,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, planned_words, quality
 from twosra_mpc.plans.trajectory import Phase, Samples, Stretch, stretches
-from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
+from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
@@ -84,7 +84,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
                 f"{number}: {mode_name(phase.mode)}, {timeline_figures.phase_duration(phase)}"
             )
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
-    extent_m = object_figures.extent_m(plan.trajectory, seen)
+    extent_m = world_figures.extent_m(plan.trajectory, seen)
     world_figures.show_world(axes, plan.problem, extent_m, 6.0)
     nearest = closest_approach(plan.trajectory)
     world_figures.draw_nearest(axes[0], nearest)
@@ -103,7 +103,6 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         "soft segment": plane.SOFT,
         "path of the middle link": tuple(map(plane.line, (RIGID_COLOUR, SOFT_COLOUR))),
     }
-    entries |= object_figures.legend_entries(plan.problem)
     entries |= world_figures.legend_entries(plan.problem, nearest)
     plane.legend_below(figure, entries, 5)
 
@@ -122,12 +121,12 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stretch) -> None:
     within = [p for p in plan.phases if stage.from_s <= (p.start_s + p.end_s) / 2 <= stage.to_s]
     for phase in reversed(within):
         _draw_path(ax, phase_rows(trajectory.samples, phase), phase)
-    object_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
+    world_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
     touches = stage.task is not None and stage.task.touches
-    ahead = None if touches else object_figures.UP
+    ahead = None if touches else world_figures.UP
     shape = robot_shape(geometry, ends.q[1])
     style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": 7.0}
-    object_figures.draw_objects(ax, plan.problem, poses[1], **style)
+    world_figures.draw_objects(ax, plan.problem, poses[1], **style)
 
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
@@ -175,11 +174,11 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
 def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
     """Draw where objects are first and last, and where each task is done."""
     trajectory = plan.trajectory
-    object_figures.draw_ends(ax, trajectory)
-    object_figures.draw_targets(ax, plan.problem, object_figures.targets(trajectory))
-    for q in object_figures.goals(trajectory):
+    world_figures.draw_ends(ax, trajectory)
+    world_figures.draw_targets(ax, plan.problem, world_figures.targets(trajectory))
+    for q in world_figures.goals(trajectory):
         plane.draw_outline(ax, plan.robot.geometry, q)
-    object_figures.number_places(ax, trajectory, each)
+    world_figures.number_places(ax, trajectory, each)
 
 
 def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:

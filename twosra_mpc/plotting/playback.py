@@ -23,8 +23,8 @@ from twosra_mpc.plans.trajectory import (
     stiffness_intervals,
     stretches,
 )
-from twosra_mpc.plotting.object_figures import goals, targets
 from twosra_mpc.plotting.timeline_figures import TimeStretch
+from twosra_mpc.plotting.world_figures import goals, targets
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry

@@ -23,7 +23,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plans.trajectory import Interval, Phase
-from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
+from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -96,8 +96,8 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     if run.plans:
         planned = run.plans[0].trajectory
         first = object_poses(planned, np.zeros(1), planned.samples.q[:1])[0]
-        object_figures.draw_objects(axes[0], run.problem, first, alpha=figures.FAINT)
-        extent_m = np.concatenate([extent_m, object_figures.seen_m(planned)])
+        world_figures.draw_objects(axes[0], run.problem, first, alpha=figures.FAINT)
+        extent_m = np.concatenate([extent_m, world_figures.seen_m(planned)])
     world_figures.show_world(axes, run.problem, extent_m, 6.0)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
@@ -109,8 +109,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
         "of unit 2": plane.line(figures.UNIT_COLOURS[1]),
         "of the middle link": plane.line(figures.MIDDLE_COLOUR),
     }
-    entries |= object_figures.resting_entries(run.problem)
-    entries |= world_figures.legend_entries(run.problem, None)
+    entries |= world_figures.legend_entries(run.problem, aims=False)
     plane.legend_below(figure, entries, 8)
 
 

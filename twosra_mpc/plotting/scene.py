@@ -20,13 +20,11 @@ from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import soft_and_changing
-from twosra_mpc.plotting import figures
+from twosra_mpc.plotting import figures, world_figures
 from twosra_mpc.plotting.figures import settle
-from twosra_mpc.plotting.object_figures import draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
-from twosra_mpc.plotting.world_figures import draw_nearest, draw_world, shown_m
 from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import Array
 
@@ -34,6 +32,7 @@ SIZE_IN, DPI = (8.0, 6.6), 100
 MARGIN_M, ABOVE = 0.02, 0.15  # around the motion; share of the plane that the words take
 LETTERS = 72  # that fit above the plane
 AHEAD = 0.25  # opacity of what is yet to come
+HEATED: dict[str, Any] = {"fill": False, "ec": figures.HEATER_COLOUR}
 
 
 class Scene:
@@ -77,15 +76,8 @@ class Scene:
         """Move to a row."""
         for artist in self._moving:
             artist.remove()
-        parts = (
-            self._objects,
-            self._robot,
-            self._trails,
-            self._nearest,
-            self._words,
-            self._columns,
-            self._progress,
-        )
+        place = self._objects, self._robot, self._trails, self._nearest
+        parts = (*place, self._words, self._columns, self._progress)
         self._moving = list(chain.from_iterable(part(row) for part in parts))
         settle(self._plane)
 
@@ -102,7 +94,8 @@ class Scene:
         """Objects where they are."""
         playback, poses = self._playback, self._playback.objects[row]
         beside = robot_shape(playback.geometry, playback.q[row])
-        return draw_objects(self._plane, playback.problem, poses, beside=beside, size_pt=9.5)
+        style: dict[str, Any] = {"beside": beside, "size_pt": 9.5}
+        return world_figures.draw_objects(self._plane, playback.problem, poses, **style)
 
     def _robot(self, row: int) -> list[Artist]:
         q, geometry = self._playback.q[row], self._playback.geometry
@@ -124,7 +117,7 @@ class Scene:
         nearest = self._playback.nearest
         if nearest is None or self._playback.time_s[row] < nearest.at_s:
             return []
-        return draw_nearest(self._plane, nearest)
+        return world_figures.draw_nearest(self._plane, nearest)
 
     def _words(self, row: int) -> list[Artist]:
         playback, time_s, doing = self._playback, float(self._playback.time_s[row]), self._ending
@@ -132,11 +125,8 @@ class Scene:
         clock = f"{minutes:z.0f} min {seconds:z04.1f} s" if minutes else f"{seconds:z.1f} s"
         if time_s < playback.time_s[-1]:
             pace = playback.stretch.seconds_per_length(time_s) / self._duration_s
-            told = (
-                f"{pace:z.{int(pace < 3)}f} times as fast"
-                if pace > 1
-                else f"at {pace:z.2g} of its speed"
-            )
+            fast, slow = f"{pace:z.{int(pace < 3)}f} times as fast", f"at {pace:z.2g} of its speed"
+            told = fast if pace > 1 else slow
             doing = f"{playback.doing(row)}  ({told})"
         style: dict[str, Any] = {"transform": self._plane.transAxes, "va": "top", "zorder": 9}
         style["bbox"] = figures.BEHIND_WORDS
@@ -158,14 +148,8 @@ class Scene:
             style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8.5, "zorder": 4}
             artists.append(ax.text(j, 1.01, words, transform=ax.get_xaxis_transform(), **style))
             if playback.heated[row, j]:
-                edge: dict[str, Any] = {
-                    "fill": False,
-                    "ec": figures.HEATER_COLOUR,
-                    "lw": 2.5,
-                    "zorder": 5,
-                }
                 height = ax.get_ylim()[1] - self._floor_C
-                artists += ax.bar(j, height, 0.5, self._floor_C, **edge)
+                artists += ax.bar(j, height, 0.5, self._floor_C, lw=2.5, zorder=5, **HEATED)
         return artists
 
     def _progress(self, row: int) -> list[Artist]:
@@ -186,10 +170,10 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     reached = [robot_shape(playback.geometry, q, 2).wheels for q in playback.goals]
     for q in playback.goals:
         draw_outline(ax, playback.geometry, q)
-    draw_targets(ax, problem, playback.targets)
-    rest = [part for poses in playback.objects[[0, -1]] for part in outlines_m(problem, poses)]
-    seen = [part.reshape(-1, 2) for part in (corners, *reached, *rest)]
-    points = shown_m(problem, np.concatenate(seen))
+    world_figures.draw_targets(ax, problem, playback.targets)
+    first, last = (world_figures.outlines_m(problem, each) for each in playback.objects[[0, -1]])
+    seen = [part.reshape(-1, 2) for part in (corners, *reached, *first, *last)]
+    points = world_figures.shown_m(problem, np.concatenate(seen))
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     box = ax.get_position()
     width, height = SIZE_IN[0] * box.width, SIZE_IN[1] * box.height
@@ -198,7 +182,7 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     left, bottom = middle[0] - scale * width / 2, middle[1] - scale * height * (1 - ABOVE) / 2
     ax.set(xlim=(left, left + scale * width), ylim=(bottom, bottom + scale * height))
     shown = np.array([ax.get_xlim(), ax.get_ylim()]).T
-    draw_world(ax, problem, shown, 9.0)
+    world_figures.draw_world(ax, problem, shown, 9.0)
     ax.set_aspect("equal")
     ax.set_ylabel("x, y [m]")
     ax.figure.text(0.012, 0.012, title, fontsize=9)
@@ -206,7 +190,7 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     ax.locator_params(nbins=6)
     entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
     del entries["heater current"]
-    entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0)}
+    entries |= {"heater on": Patch(lw=2.0, **HEATED)}
     trails = (*figures.UNIT_COLOURS, figures.MIDDLE_COLOUR)
     entries["paths: units, link"] = tuple(line(colour, 1.3) for colour in trails)
     if playback.goals:
@@ -216,13 +200,9 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure
-    style: dict[str, Any] = {
-        "loc": "lower right",
-        "bbox_to_anchor": (0.965, 0.944),
-        "ncols": len(entries),
-    }
-    style |= {"columnspacing": 0.8, "handlelength": 1.3, "bbox_transform": place}
-    style |= {"handler_map": {tuple: HandlerTuple(ndivide=None)}}
+    style: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (0.965, 0.944)}
+    style |= {"ncols": len(entries), "columnspacing": 0.8, "handlelength": 1.3}
+    style |= {"bbox_transform": place, "handler_map": {tuple: HandlerTuple(ndivide=None)}}
     ax.legend(entries.values(), entries, **style)
 
 

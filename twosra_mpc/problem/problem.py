@@ -438,11 +438,6 @@ class Problem(Value):
         """Surroundings of the robot, without objects."""
         return World(**{name: getattr(self, name) for name in World.model_fields})
 
-    @property
-    def world_at_start(self) -> World:
-        """Surroundings of the robot at t = 0, objects as obstacles."""
-        return self.world_with([item.pose.pose for item in self.objects])
-
     def world_with(self, poses: Sequence[Array | None]) -> World:
         """Surroundings of the robot with objects at poses (3,); None: not in the way."""
         if len(poses) != len(self.objects):

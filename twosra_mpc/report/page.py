@@ -34,8 +34,8 @@ from twosra_mpc.plans.plan import Plan, Verification, above_bound, percent, with
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
-from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
+from twosra_mpc.plotting.world_figures import goals, seen_m
 from twosra_mpc.problem.limits import LIMITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES

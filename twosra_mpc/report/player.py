@@ -22,7 +22,7 @@ from twosra_mpc.plans.trajectory import (
     stiffness_intervals,
     stretches,
 )
-from twosra_mpc.plotting import TimeStretch, object_figures
+from twosra_mpc.plotting import TimeStretch, world_figures
 from twosra_mpc.plotting.playback import PLACES, Playback
 from twosra_mpc.plotting.world_figures import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
@@ -83,8 +83,8 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     """Poses of objects, (objects, 3), and places of their names beside the robot at q."""
     shape = robot_shape(playback.geometry, q)
-    outlines = object_figures.outlines_m(playback.problem, poses)
-    sides = [object_figures.free_side(outline, shape) for outline in outlines]
+    outlines = world_figures.outlines_m(playback.problem, poses)
+    sides = [world_figures.free_side(outline, shape) for outline in outlines]
     return {
         "objects": [moved_to(pose) for pose in poses],
         "names": [_name_at(at, way) for at, way in sides],
@@ -106,14 +106,14 @@ def moved_to(pose: Array) -> str:
 def mission(trajectory: Trajectory) -> dict[str, Any]:
     """Objects in their own frames, where they shall be carried, as SVG has it [mm, y down]."""
     problem, own = trajectory.problem, np.zeros(POSE)
-    aims = object_figures.targets(trajectory)
+    aims = world_figures.targets(trajectory)
     return {
         "objects": [
             {
                 "name": item.name,
-                "fill": object_figures.fill_of(number),
-                "edge": object_figures.edge_of(number),
-                "points": svg_points(object_figures.outline_m(item, own)),
+                "fill": world_figures.fill_of(number),
+                "edge": world_figures.edge_of(number),
+                "points": svg_points(world_figures.outline_m(item, own)),
             }
             for number, item in enumerate(problem.objects)
         ],

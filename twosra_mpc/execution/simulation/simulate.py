@@ -13,7 +13,7 @@ import numpy as np
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.executor import Executor, GreedyExecutor
+from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.mission import away
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
@@ -240,7 +240,7 @@ def simulate(
     )
     chosen = settings or ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
     if executor == "greedy":
-        run = GreedyExecutor(robot, chosen).run(problem)
+        run = Executor(robot, chosen).drive(problem)
     else:
         made = plan or find_plan(problem).require()
         if made.problem != problem:

@@ -173,9 +173,7 @@ class Tracker:
             InputError: If the plan is for another robot, or its samples are not finite.
             NoPlanError: If the plan is not verified.
         """
-        if plan.require().robot != self.robot:
-            allowed = f"a plan for this very robot, {self.robot.name}, with all its values"
-            raise InputError("plan.robot", plan.robot.name, allowed)
+        plan.require().check_robot(self.robot)
         samples = plan.samples
         for name in ("t_s", "q", "v", "a", "heater_setpoint_C"):
             if not np.isfinite(getattr(samples, name)).all():
