@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.problem.objects import Object, Pose
+from twosra_mpc.problem.world import Object, Pose
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 

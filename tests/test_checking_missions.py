@@ -29,7 +29,7 @@ from twosra_mpc.plans.carried import carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.schema import json_schema
 

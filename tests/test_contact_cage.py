@@ -17,7 +17,7 @@ from twosra_mpc.checking.clearance import leaves_straight
 from twosra_mpc.checking.holds import Boxes, _discs, _free
 from twosra_mpc.contact.grip import caged
 from twosra_mpc.contact.touch import Touch, grasp_touches
-from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.description import Robot
 
 ROBOTS = {name: load_robot(name) for name in ("2sra-v1", "2sr-v2", "3sra")}

@@ -22,7 +22,7 @@ from twosra_mpc.contact.touch import (
 )
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
-from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry

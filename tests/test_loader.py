@@ -128,4 +128,4 @@ def test_plan_files_are_read_by_the_loader_alone() -> None:
         if "plan_in(" in (Path(__file__).parent.parent / "twosra_mpc" / module).read_text()
     }
     assert from_files == {"plans/document.py", "checking/plan_file.py"}
-    assert "twosra_mpc.plans.document" in set(imports("checking/plan_file.py"))
+    assert "twosra_mpc.plans.result" in set(imports("checking/plan_file.py"))

@@ -30,8 +30,8 @@ from twosra_mpc.plotting import (
 )
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.tasks import Stage
+from twosra_mpc.problem.world import Object
 from twosra_mpc.report import report_page
 from twosra_mpc.report.page import scenario_toml
 from twosra_mpc.robot.coordinates import Array, composed

@@ -20,7 +20,7 @@ from twosra_mpc.execution.simulation import plant as simulated
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.problem.goals import Anywhere
-from twosra_mpc.problem.objects import ACCURACY
+from twosra_mpc.problem.world import ACCURACY
 from twosra_mpc.robot.coordinates import POSE, composed, inverse
 from twosra_mpc.space.convex import convex_parts
 

@@ -16,7 +16,7 @@ from test_problem import ROBOT, SCENARIO, changed, without
 
 from twosra_mpc import InputError, Result, cli, robot_names, scenario_names
 from twosra_mpc.keys import describe
-from twosra_mpc.plans.document import PlanDocument
+from twosra_mpc.plans.result import PlanDocument
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.schema import Subject, json_schema

@@ -65,7 +65,7 @@ ALLOWED = {
     "click": ("cli/", "lab/commands/"),
     "rich": ("cli/", "lab/commands/"),
     "pydantic": (
-        *("validation.py", "schema.py", "robot/", "problem/", "plans/document.py"),
+        *("validation.py", "schema.py", "robot/", "problem/", "plans/result.py"),
         "lab/batch/",
         "execution/tracking/setup.py",
     ),

@@ -22,9 +22,8 @@ from twosra_mpc.execution import Ending
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
-from twosra_mpc.problem.objects import Object, read_outline
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Stage, Task
-from twosra_mpc.problem.world import area_m2
+from twosra_mpc.problem.world import Object, area_m2, read_outline
 from twosra_mpc.robot.coordinates import composed, inverse, wrapped
 from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.schema import json_schema

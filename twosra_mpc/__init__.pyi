@@ -29,10 +29,6 @@ from twosra_mpc.problem.geojson import read_obstacles as read_obstacles
 from twosra_mpc.problem.goals import Goal as Goal
 from twosra_mpc.problem.goals import GoalSet as GoalSet
 from twosra_mpc.problem.goals import Tolerance as Tolerance
-from twosra_mpc.problem.objects import Object as Object
-from twosra_mpc.problem.objects import Pose as Pose
-from twosra_mpc.problem.objects import Round as Round
-from twosra_mpc.problem.objects import read_outline as read_outline
 from twosra_mpc.problem.problem import Problem as Problem
 from twosra_mpc.problem.problem import Start as Start
 from twosra_mpc.problem.problem import Weights as Weights
@@ -47,9 +43,13 @@ from twosra_mpc.problem.tasks import Release as Release
 from twosra_mpc.problem.tasks import Task as Task
 from twosra_mpc.problem.world import Box as Box
 from twosra_mpc.problem.world import Disc as Disc
+from twosra_mpc.problem.world import Object as Object
 from twosra_mpc.problem.world import Obstacle as Obstacle
+from twosra_mpc.problem.world import Pose as Pose
+from twosra_mpc.problem.world import Round as Round
 from twosra_mpc.problem.world import Workspace as Workspace
 from twosra_mpc.problem.world import World as World
+from twosra_mpc.problem.world import read_outline as read_outline
 from twosra_mpc.robot.description import Robot as Robot
 from twosra_mpc.robot.description import load_robot as load_robot
 from twosra_mpc.robot.description import robot_names as robot_names

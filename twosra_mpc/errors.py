@@ -30,6 +30,9 @@ def printable(text: str, most: int = _LONGEST) -> str:
 class TwosraError(Exception):
     """Base of every error raised on purpose by this package."""
 
+    def __reduce__(self) -> tuple[object, ...]:  # as it is, without its constructor
+        return (type(self).__new__, (type(self), *self.args), vars(self))
+
 
 class InputWarning(UserWarning):
     """Input is legal, and probably not what was meant: another unit or frame, parts left out."""
@@ -100,9 +103,6 @@ class InputError(TwosraError, ValueError):
         hint = f"{printable(self.hint)} " if self.hint else ""
         return f"{name} = {shown} is not acceptable; {hint}allowed: {allowed}"
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return (type(self), self._given())
-
     def _given(self, **changes: Any) -> tuple[Any, ...]:
         names = ("field", "value", "allowed", "source", "others", "hint")
         return tuple(changes.get(name, getattr(self, name)) for name in names)
@@ -130,9 +130,6 @@ class NoPlanError(TwosraError):
     def __init__(self, status: str, reason: str) -> None:
         self.status, self.reason = status, reason
         super().__init__(f"no verified plan ({status}): {reason}")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return (type(self), (self.status, self.reason))
 
 
 class PlanInterrupted(KeyboardInterrupt):
@@ -165,6 +162,3 @@ class ContradictionError(TwosraError, RuntimeError):
             " at least: this is a bug of twosra_mpc, and neither the bound nor the plan can be"
             " trusted; please report it with the robot and the scenario"
         )
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return (type(self), (self.cost, self.bound))

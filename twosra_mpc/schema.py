@@ -16,8 +16,8 @@ from pydantic.json_schema import GenerateJsonSchema
 from twosra_mpc.arguments import public
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
-from twosra_mpc.plans.document import PhaseDocument, PlanDocument
 from twosra_mpc.plans.plan import Cost
+from twosra_mpc.plans.result import PhaseDocument, PlanDocument
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.goals import Goal
 from twosra_mpc.problem.problem import Problem

@@ -72,6 +72,17 @@ Celsius = Annotated[float, Field(ge=-273.15, le=2e3), BeforeValidator(plain)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(plain)]
 PlanePose = Annotated[tuple[Metres, Metres, Radians], BeforeValidator(plain)]
 MetresPair = Annotated[tuple[Metres, Metres], BeforeValidator(plain)]
+
+
+def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
+    """Refuse an interval whose ends are not in order."""
+    if not pair[0] < pair[1]:
+        raise InputError("", pair, "two numbers, the lower one first")
+    return pair
+
+
+Interval = Annotated[Pair, AfterValidator(_in_order)]
+MetresInterval = Annotated[MetresPair, AfterValidator(_in_order)]
 Length = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6), BeforeValidator(plain)]  # in m
 Distance = Annotated[float, Field(ge=0.0, le=100.0), BeforeValidator(plain)]  # in m
 Rate = Annotated[float, Field(gt=0.0, le=1e9), _at_least(1e-5), BeforeValidator(plain)]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.execution.simulation.simulate import simulate
-from twosra_mpc.problem.objects import ACCURACY
+from twosra_mpc.problem.world import ACCURACY
 from twosra_mpc.validation import NonNegative
 
 

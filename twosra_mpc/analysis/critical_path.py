@@ -54,6 +54,10 @@ class Activity:
         """Duration [s]."""
         return self.end_s - self.start_s
 
+    def overlap_s(self, other: Activity) -> float:
+        """Time that both take [s]; negative where they are apart."""
+        return min(self.end_s, other.end_s) - max(self.start_s, other.start_s)
+
     def __str__(self) -> str:
         return f"{_VERB[self.kind]} {self.about}".rstrip()
 
@@ -102,7 +106,7 @@ def hidden_activities(made: Plan) -> tuple[Hidden, ...]:
     every = activities(made)
     path = _chain(every, made.duration_s)
     return tuple(
-        Hidden(item, tuple(one for one in path if _overlap_s(one, item) > _WORTH_TELLING_S))
+        Hidden(item, tuple(one for one in path if one.overlap_s(item) > _WORTH_TELLING_S))
         for item in sorted(every, key=lambda one: one.start_s)
         if item not in path and item.duration_s > _WORTH_TELLING_S
     )
@@ -175,7 +179,3 @@ def _best(chains: Sequence[_Chain], end_s: float) -> _Chain:
     last = max(earlier, key=lambda one: one.end_s, default=_Chain(0.0, ()))
     wait = Activity("wait", (), 0, last.end_s, end_s)
     return _Chain(last.wait_s + wait.duration_s, (*last.activities, wait))
-
-
-def _overlap_s(one: Activity, other: Activity) -> float:
-    return min(one.end_s, other.end_s) - max(one.start_s, other.start_s)

@@ -22,10 +22,9 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.ends import ends_to_check
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
-from twosra_mpc.problem.world import Obstacle, Workspace, World
+from twosra_mpc.problem.world import Object, Obstacle, Workspace, World
 from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation
 from twosra_mpc.robot.geometry import Geometry
 

@@ -20,7 +20,7 @@ from twosra_mpc.checking.clearance import (
 )
 from twosra_mpc.checking.sweep import sagitta_m
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation
 from twosra_mpc.robot.geometry import Geometry
 

@@ -27,9 +27,8 @@ from twosra_mpc.checking.verification import Findings, examine, verify
 from twosra_mpc.files import differences, json_document, read_text, reading
 from twosra_mpc.keys import unit_of
 from twosra_mpc.plans.carried import mission_document
-from twosra_mpc.plans.document import plan_in
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
-from twosra_mpc.plans.result import MISSION_VERSION, Result
+from twosra_mpc.plans.result import MISSION_VERSION, Result, plan_in
 from twosra_mpc.plans.trajectory import Samples, Trajectory, new_times
 from twosra_mpc.problem.tolerances import (
     CONFIRMED_TOLERANCE,

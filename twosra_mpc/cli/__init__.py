@@ -201,7 +201,9 @@ def _failed(error: Exception, *, debug: bool) -> int:
 
 def _meant(error: click.UsageError) -> str:
     """Say what to type instead of what the command line could not read; empty if unknown."""
-    if re.match("Got unexpected extra arguments?", error.message) and _takes_scenario(error):
+    params = error.ctx.command.params if error.ctx else ()
+    extra = re.match("Got unexpected extra arguments?", error.message)
+    if extra and any(each.name == "scenario" for each in params):
         return "One scenario at a time; twosra batch plans many."
     given = re.match(r"'(.*)' is not a valid (float|integer)", error.message)
     if not given or not isinstance(error, click.BadParameter) or not error.param:
@@ -211,13 +213,6 @@ def _meant(error: click.UsageError) -> str:
     hint = near_number(error.param.name or "", given[1], optional=False, listed=False)
     meant = hint.partition(",")[0]
     return f"{meant}?" if meant.startswith("did you mean") else ""
-
-
-def _takes_scenario(error: click.UsageError) -> bool:
-    """True if what was typed is for a command that takes one scenario."""
-    return error.ctx is not None and any(
-        each.name == "scenario" for each in error.ctx.command.params
-    )
 
 
 def _bug(error: Exception) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array, inverse, rotation
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, contacts

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.limits import BODY_GAP, CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
-from twosra_mpc.problem.objects import Object
-from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry

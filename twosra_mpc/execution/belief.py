@@ -90,27 +90,14 @@ class Belief:
         self.doubtful = False
         self.events, self.changes, self.drives = list[RunEvent](), list[Change](), list[Drive]()
         self._watches = [
-            SegmentWatch(
-                robot,
-                problem.ambient,
-                j,
-                patience,
-                reports=reports,
-                start_C=start_C[j],
-            )
+            SegmentWatch(robot, problem.ambient, j, patience, reports=reports, start_C=start_C[j])
             for j in segments
         ]
         off_C = np.full(len(segments), robot.heater.rigid_setpoint_C)
         self.command = Command(off_C, 0.0)
         unread, size = (None,) * len(segments), robot.coordinates.size
-        self.reading = Reading(
-            np.nan,
-            np.empty(0),
-            np.empty((0, size)),
-            (np.nan,) * len(segments),
-            unread,
-            (False,) * len(segments),
-        )
+        sound, unknown_C = (False,) * len(segments), (np.nan,) * len(segments)
+        self.reading = Reading(np.nan, np.empty(0), np.empty((0, size)), unknown_C, unread, sound)
         self._filter = CameraFilter(camera, problem.start.configuration, 0.0)
         self._newest_s = self._seen_s = -np.inf
         self._compared: tuple[Mode | None, Array] = None, self.q

@@ -21,10 +21,10 @@ from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.objects import ACCURACY, Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Grasp, Pass, Release, Task, carries, grasps, passes
-from twosra_mpc.robot.coordinates import POSE, Array, composed, wrapped
+from twosra_mpc.problem.world import ACCURACY, Object
+from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation, wrapped
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
@@ -272,16 +272,13 @@ class Mission:
         """Remember how the robot dragged an object along as it opened: it will do so again."""
         if self._put_at is not None:
             (pose, q), now = self._put_at, self.poses()[self._numbers[name]]
-            c, s = math.cos(q[2]), math.sin(q[2])
-            in_b0 = np.array([[c, s], [-s, c]]) @ (now - pose)[:2]
-            self._drags[name] = in_b0
+            self._drags[name] = (now - pose)[:2] @ rotation(-q[2])
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""
         if (drag := self._drags.get(task.object)) is None:
             return task
-        c, s = math.cos(self.belief.q[2]), math.sin(self.belief.q[2])
-        x_m, y_m = (np.array([task.x_m, task.y_m]) - np.array([[c, -s], [s, c]]) @ drag).tolist()
+        x_m, y_m = ([task.x_m, task.y_m] - drag @ rotation(self.belief.q[2])).tolist()
         phi_rad = task.phi_rad
         if phi_rad is None and self._looks:  # b0 has the heading for which this was worked out
             phi_rad = float(self.poses()[self._numbers[task.object], 2])

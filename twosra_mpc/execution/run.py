@@ -13,8 +13,8 @@ from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import check_kind, plain_data, read_document, reading
 from twosra_mpc.installation import __version__
-from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import plan_within
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, embedded_problem
 from twosra_mpc.robot.accuracy import Accuracy

@@ -31,8 +31,8 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE, Array
 
 WORLD = "world"

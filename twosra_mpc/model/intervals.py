@@ -123,10 +123,6 @@ def _multiply(a: Interval, b: Interval) -> Interval:
     return Interval(reduce(_lesser, products), reduce(_greater, products))
 
 
-def _negate(a: Interval) -> Interval:
-    return _subtract(_ZERO, a)
-
-
 def _invert(a: Interval) -> Interval:
     """1 / a; everything where a contains zero."""
     safe = _either(_less(0, a.low), _less(a.high, 0))
@@ -165,7 +161,7 @@ _RULES: dict[int, Callable[..., Interval]] = {
     ca.OP_SUB: _subtract,
     ca.OP_MUL: _multiply,
     ca.OP_DIV: lambda a, b: _multiply(a, _invert(b)),
-    ca.OP_NEG: _negate,
+    ca.OP_NEG: lambda a: _subtract(_ZERO, a),
     ca.OP_INV: _invert,
     ca.OP_SQ: _square,
     ca.OP_TWICE: _rising(_unary(ca.OP_TWICE)),

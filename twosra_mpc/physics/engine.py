@@ -53,11 +53,7 @@ class Engine:
     squeezed = ""  # things that overlap push each other away
 
     def __init__(
-        self,
-        problem: Problem,
-        robot: Robot,
-        physics: Physics,
-        melted: Sequence[float],
+        self, problem: Problem, robot: Robot, physics: Physics, melted: Sequence[float]
     ) -> None:
         """Put the robot where the problem starts.
 

@@ -19,9 +19,8 @@ import numpy as np
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import environment
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry

@@ -19,8 +19,8 @@ from twosra_mpc.errors import InputError, NoPlanError
 from twosra_mpc.planning.bounds.schedule import feasible_schedule
 from twosra_mpc.plans.carried import mission_document, object_poses
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name
 from twosra_mpc.timing import Transition, transition_model

@@ -1,19 +1,32 @@
-"""Results of planning: a plan or none, what was proved, and why the search ended."""
+"""Results of planning: a plan or none, what was proved, why the search ended; and their files.
+
+Files of earlier versions of this package are read as well, and converted here alone.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, Literal, NamedTuple, NoReturn
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.arguments import public
 from twosra_mpc.effort import Ending
-from twosra_mpc.errors import NoPlanError
-from twosra_mpc.files import write_json
+from twosra_mpc.errors import InputError, NoPlanError
+from twosra_mpc.files import LARGEST, check_kind, json_document, reading, toml_document, write_json
 from twosra_mpc.installation import __version__
-from twosra_mpc.plans.plan import Plan, Status
-from twosra_mpc.problem.problem import FORMAT, Problem
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.plans.carried import CarriedObject, TaskDone
+from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
+from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory, entered_s
+from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
+from twosra_mpc.problem.tasks import passes
+from twosra_mpc.timing import Transition
+from twosra_mpc.validation import ArrayValue, named_problem
 
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and with tasks or objects
 
@@ -147,3 +160,183 @@ class Result(ArrayValue):
             InputError: If the folder does not exist or cannot be written.
         """
         write_json(path, self.to_dict())
+
+
+class PhaseDocument(NamedTuple):
+    """A phase in a plan file; times in s."""
+
+    mode: tuple[Literal[0, 1], ...]
+    start_s: float
+    end_s: float
+
+
+_Read = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+_NumberOrNull = Annotated[float | None, AfterValidator(lambda x: math.nan if x is None else x)]
+
+
+class _VerificationDocument(BaseModel):
+    """The types of a plan file's verification; a number that is not finite is written as null."""
+
+    model_config = _Read
+
+    max_defect: _NumberOrNull
+    goal_error: tuple[_NumberOrNull, ...]
+    limits: dict[str, float]
+    ok: bool
+    problems: tuple[str, ...]
+
+
+class PlanDocument(BaseModel):
+    """The types of a plan file, for reading one back.
+
+    In version 1 inputs hold from a sample to the next: there is no ``samples.a``.
+    ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
+    limit (an interrupt was written the same way), and otherwise nothing is known of it.
+    ``fastest_cost_s`` and ``search_gap`` are younger, too: without them nothing is known of how
+    much slower a plan is on purpose; so are ``confirmed_duration_s`` and its bound.
+    ``certificate`` is there where one was asked for; ``checking.certificate`` reads it.
+    ``warnings`` stands in what ``--json`` prints: doubts about the input, which the plan is not
+    about. With tasks or objects files are of version 3, which is version 2 with ``tasks`` and
+    ``carried``; in version 2 plans only pass boxes. A robot without ``unit_frame_m`` is older than
+    that key, see `embedded_problem`.
+    """
+
+    model_config = _Read
+
+    format: Literal["twosra-plan"]
+    version: Literal[1, 2, 3]
+    package: str
+    robot: dict[str, Any]
+    scenario: dict[str, Any]
+    planner: Literal["optimal", "greedy"]
+    status: Status
+    message: str
+    duration_s: float | None
+    lower_bound_s: float | None
+    confirmed_duration_s: float | None = None
+    confirmed_lower_bound_s: float | None = None
+    gap: float | None
+    fastest_cost_s: float | None = None
+    search_gap: float | None = None
+    cost: Cost | None
+    phases: tuple[PhaseDocument, ...]
+    transitions: tuple[Transition, ...]
+    samples: dict[str, list[float] | list[list[float]]] | None
+    verification: _VerificationDocument | None
+    stats: Stats
+    stopped_early: bool
+    ending: Ending | None = None
+    certificate: dict[str, Any] | None = None
+    tasks: tuple[TaskDone, ...] = ()
+    carried: tuple[CarriedObject, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def plan_in(text: str, source: str) -> Result:
+    """Read back what is in a plan file; ``checking.plan_file.load_plan`` believes nothing of it.
+
+    Args:
+        text: Its text.
+        source: The file.
+
+    Raises:
+        InputError: If it is not a plan of a known version, or does not fit together.
+    """
+    if Path(source).suffix == ".toml":
+        check_kind(toml_document(text, source), "plan", source)
+    head = json_document(text, source, "a plan in JSON")
+    check_kind(head, "plan", source)
+    if head.get("format") != FORMAT or head.get("version") not in (
+        1,
+        FORMAT_VERSION,
+        MISSION_VERSION,
+    ):
+        found = (head.get("format"), head.get("version"))
+        raise InputError("format", found, f"{FORMAT!r} version 1, 2 or {MISSION_VERSION}", source)
+    with reading(source, "plan"):
+        try:
+            return _result(PlanDocument.model_validate_json(text), source)
+        except ValidationError as error:
+            first = named_problem(PlanDocument, error.errors()[0])
+            raise first.within("plan", source) from None
+
+
+def plan_within(document: dict[str, Any], robot: dict[str, Any], source: str) -> Plan:
+    """Read back a plan that another file holds, as ``Plan.to_dict`` wrote it.
+
+    Args:
+        document: The plan.
+        robot: Its robot, as the file has it.
+        source: The file.
+
+    Raises:
+        InputError: If it is no plan, or does not fit together.
+    """
+    unsaid: dict[str, Any] = {"status": Status.FEASIBLE, "message": "", "stopped_early": False}
+    head = {"format": FORMAT, "version": FORMAT_VERSION, "package": "", "robot": robot}
+    stats = vars(Stats(0.0, 0, 0, 0)).copy()
+    try:
+        whole = json.dumps({**head, **unsaid, "stats": stats, **document})
+        return _result(PlanDocument.model_validate_json(whole), source).require()
+    except ValidationError as error:
+        first = named_problem(PlanDocument, error.errors()[0])
+        raise first.within("plans", source) from None
+
+
+def _result(data: PlanDocument, source: str) -> Result:
+    problem = embedded_problem(data.robot, data.scenario, source)
+    early = Ending.LIMIT if data.stopped_early else None
+    return Result(
+        problem=problem,
+        planner=data.planner,
+        status=data.status,
+        message=data.message,
+        lower_bound=data.lower_bound_s,
+        ending=data.ending or early,
+        stats=data.stats,
+        certificate=data.certificate,
+        plan=None if data.samples is None else _plan(data, problem, data.samples),
+    )
+
+
+def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan:
+    if data.cost is None or data.verification is None:
+        missing = "cost" if data.cost is None else "verification"
+        raise InputError(f"plan.{missing}", None, "a table of keys, as there are samples")
+    constant = {"a": [[0.0] * len(v) for v in samples["v"]]} if data.version == 1 else {}
+    trajectory = Trajectory(
+        problem=problem,
+        samples=_samples({**samples, **constant}),
+        phases=tuple(Phase(*phase) for phase in data.phases),
+        transitions=data.transitions,
+        done_s=(0.0,) * len(problem.tasks),
+    )
+    trajectory = replace(trajectory, done_s=tuple(_done_s(data, trajectory)))
+    verification = Verification(**dict(data.verification))
+    proved = data.lower_bound_s, data.fastest_cost_s, data.confirmed_lower_bound_s
+    return Plan(data.planner, trajectory, data.cost, verification, *proved)
+
+
+def _done_s(data: PlanDocument, trajectory: Trajectory) -> Iterator[float]:
+    """Times of the tasks as a file has them; older ones do not say when boxes are passed."""
+    tasks, since_s = trajectory.problem.tasks, 0.0
+    if data.tasks or len(passes(tasks)) != len(tasks):
+        yield from (item.done_s for item in data.tasks)
+        return
+    for box in passes(tasks).values():
+        yield (since_s := entered_s(trajectory, box, since_s))
+
+
+def _samples(samples: dict[str, Any]) -> Samples:
+    if samples.keys() != (known := Samples.__dataclass_fields__).keys():
+        raise InputError("plan.samples", [*samples], f"the lists {', '.join(known)}, and no other")
+    arrays = {name: np.array(rows) for name, rows in samples.items()}
+    for name, array in arrays.items():
+        if not (np.abs(array) <= LARGEST).all():
+            raise InputError(f"plan.samples.{name}", "beyond", f"at most {LARGEST:zg} in size")
+    if not np.isin(arrays["mode"], (0, 1)).all():
+        raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")
+    arrays["mode"] = arrays["mode"].astype(np.int64)
+    if not (np.diff(arrays["t_s"]) > 0).all():
+        raise InputError("plan.samples.t_s", "times that do not grow", "growing times")
+    return Samples(**arrays)

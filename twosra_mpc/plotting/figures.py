@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -50,7 +50,8 @@ def settle(ax: Axes) -> None:
         box, level = _extent(each), each.get_zorder()
         above = [line.get_window_extent() for line in ax.lines if line.get_zorder() >= level]
         ways, full = (_STEPS * box.height).tolist(), [*taken, *above]
-        away = next((way for way in ways if _is_free(box.translated(*way), full)), (0.0, 0.0))
+        free = (way for way in ways if not any(map(box.translated(*way).overlaps, full)))
+        away = next(free, (0.0, 0.0))
         shift_pt = np.asarray(away) * 72 / ax.figure.dpi
         each.xyann = tuple((np.asarray(each.xyann) + shift_pt).tolist())
         taken.append(box.translated(*away))
@@ -75,10 +76,6 @@ def _anchor(ax: Axes, words: Text) -> tuple[float, float]:
 def _extent(words: Text) -> Bbox:
     """Room that words take in the picture [pixels], with the frame around them."""
     return (words.get_bbox_patch() or words).get_window_extent()
-
-
-def _is_free(box: Bbox, taken: Sequence[Bbox]) -> bool:
-    return not any(box.overlaps(other) for other in taken)
 
 
 RIGID_COLOUR = "#2a6fbb"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +209,8 @@ def _draw_over_time(figure: SubFigure, plan: Plan) -> None:
     stretch.apply(liquid)
     if above:
         timeline_figures.name_stages(above[0], each, levels)
-        timeline_figures.mark_stages([lanes, curvature, wheels, temperature, liquid], each)
+        for ax, stage in product((lanes, curvature, wheels, temperature, liquid), each):
+            ax.axvline(stage.to_s, **timeline_figures.STAGE_LINE)
     note = "" if stretch.even else ", stretched inside the motion phases (grey)"
     liquid.set(xlabel=f"time [s]{note}")
     figure.align_ylabels([lanes, curvature, wheels, temperature, liquid])

@@ -203,13 +203,6 @@ def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> Axe
     return ax
 
 
-def mark_stages(axes: Sequence[Axes], each: Sequence[Stretch]) -> None:
-    """Draw a line on time axes wherever a stage is done."""
-    for ax in axes:
-        for stage in each:
-            ax.axvline(stage.to_s, **STAGE_LINE)
-
-
 def phase_duration(phase: Phase) -> str:
     """Duration of a phase in words that fit its length."""
     seconds = phase.end_s - phase.start_s

@@ -18,9 +18,9 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.trajectory import Stretch, Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.figures import label
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array
 
 _FAR_M = 100.0  # edges of what is free: out of every picture

@@ -144,7 +144,7 @@ def _motion(plan: Plan) -> dict[str, Any]:
         },
         "moves": plan.trajectory.duration_s > 0.0,
         "ghosts": [("start", player.pose(start)), *(("goal", player.pose(end)) for end in ends)],
-        "mission": player.mission(plan.trajectory),
+        "mission": player.mission(plan),
         "box": box,
         "grid": _grid(box),
         "around": player.surroundings(plan.problem, playback.nearest, box),

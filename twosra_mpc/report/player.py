@@ -15,13 +15,7 @@ import numpy as np
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.trajectory import (
-    Interval,
-    Samples,
-    Trajectory,
-    stiffness_intervals,
-    stretches,
-)
+from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals, stretches
 from twosra_mpc.plotting import TimeStretch, world_figures
 from twosra_mpc.plotting.playback import PLACES, Playback
 from twosra_mpc.plotting.world_figures import length, names_m, shown_m
@@ -103,10 +97,10 @@ def moved_to(pose: Array) -> str:
     return f"translate({1e3 * x:z.2f},{-1e3 * y:z.2f}) rotate({-math.degrees(phi):z.2f})"
 
 
-def mission(trajectory: Trajectory) -> dict[str, Any]:
+def mission(plan: Plan) -> dict[str, Any]:
     """Objects in their own frames, where they shall be carried, as SVG has it [mm, y down]."""
-    problem, own = trajectory.problem, np.zeros(POSE)
-    aims = world_figures.targets(trajectory)
+    problem, own = plan.problem, np.zeros(POSE)
+    aims = world_figures.targets(plan.trajectory)
     return {
         "objects": [
             {

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array, rotation
 from twosra_mpc.space.convex import convex_parts
 

@@ -159,9 +159,7 @@ class FirstCycle:
         return ((0.0, 0.0),) if changing else _AT_ANY_TIME
 
     def _least(
-        self,
-        bound: Callable[[int, float, float], float],
-        heated: tuple[tuple[float, float], ...],
+        self, bound: Callable[[int, float, float], float], heated: tuple[tuple[float, float], ...]
     ) -> float:
         """Least bound of all courses and times on them in intervals; inf: it is not possible."""
         queue = list[tuple[float, int, float, float]]()

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import footprints
@@ -119,14 +119,12 @@ class ObjectPlant:
     def _push(self, i: int, way: Array, by_m: float, at: Array) -> None:
         """Push an object at a point until that has gone so far along a way (2,)."""
         thing, phi = self._things[i], float(self.poses[i, 2])
-        c, s = math.cos(phi), math.sin(phi)
-        turned = np.array([[c, -s], [s, c]]) @ thing.middle
+        turned = thing.middle @ rotation(phi)
         middle = turned + self.poses[i, :2]
         arm = float((at - middle)[0] * way[1] - (at - middle)[1] * way[0]) / thing.lever_m
         slid_m = by_m / (1 + arm**2)
         turn = slid_m * arm / thing.lever_m
-        c, s = math.cos(turn), math.sin(turn)
-        origin = middle + slid_m * way - np.array([[c, -s], [s, c]]) @ turned
+        origin = middle + slid_m * way - turned @ rotation(turn)
         self.poses[i] = [*origin, phi + turn]
 
     def _drag(
@@ -152,5 +150,4 @@ def _carried_back(at: Array, after: Array, before: Array) -> Array:
     """Where a point of a body was, of which two points or more are known after and before."""
     (ax, ay), (bx, by) = after[1] - after[0], before[1] - before[0]
     turn = math.atan2(ax * by - ay * bx, ax * bx + ay * by)
-    c, s = math.cos(turn), math.sin(turn)
-    return before[0] + np.array([[c, -s], [s, c]]) @ (at - after[0])
+    return before[0] + (at - after[0]) @ rotation(turn)

@@ -21,10 +21,9 @@ from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.problem.objects import ACCURACY
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
-from twosra_mpc.problem.world import World
+from twosra_mpc.problem.world import ACCURACY, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.validation import ArrayValue, Count, OneOrMore

@@ -14,10 +14,10 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.touch_poses import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
-from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.convex import quadrangles

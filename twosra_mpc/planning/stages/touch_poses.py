@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.contact.touch import Touch
-from twosra_mpc.problem.objects import Object
-from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 
 HEADINGS = 24  # of the robot around a disc
