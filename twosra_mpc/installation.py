@@ -63,6 +63,5 @@ def require(use: str, extra: str, *packages: str) -> None:
     """
     for package in packages:
         if find_spec(_MODULES.get(package, package)) is None:
-            raise InputError(
-                package, MISSING, f"{use} needs this package: {install_command(extra)}"
-            )
+            needed = f"{use} needs this package: {install_command(extra)}"
+            raise InputError(package, MISSING, needed)

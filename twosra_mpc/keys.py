@@ -21,9 +21,8 @@ def _tables() -> dict[str, Any]:
 def unit_of(key: str) -> str:
     """Unit of a key by its ending; empty if it has none."""
     units: dict[str, str] = _tables()["units"]
-    return units.get(
-        max((end for end in units if f"_{key}".endswith(end)), key=len, default=""), ""
-    )
+    endings = (end for end in units if f"_{key}".endswith(end))
+    return units.get(max(endings, key=len, default=""), "")
 
 
 def stem_of(key: str) -> str:

@@ -83,9 +83,8 @@ def _robot() -> Schema:
     properties["segment"]["anyOf"].append(_list({"anyOf": [bare, *kinds]}, 1, MOST_SEGMENTS))
     geometry = definitions["Geometry"]
     geometry["required"].remove("segment_length_m")  # where the list has the lengths
-    properties["segments"] = {
-        "anyOf": [{**geometry["properties"]["segments"]}, properties["segments"]]
-    }
+    counted = {**geometry["properties"]["segments"]}
+    properties["segments"] = {"anyOf": [counted, properties["segments"]]}
     return schema
 
 

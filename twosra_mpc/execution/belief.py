@@ -317,10 +317,8 @@ class Belief:
         """Look at what the segments report; nobody believes in "soft" without enough heat."""
         reading, self._told = self.reading, self.reading.stiffness
         current_A = reading.current_A or (None,) * len(self._watches)
-        known = zip(
-            reading.temperature_C, reading.stiffness, reading.faulty, current_A, strict=True
-        )
-        for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, known, strict=True):
+        told = zip(reading.temperature_C, reading.stiffness, reading.faulty, current_A, strict=True)
+        for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, told, strict=True):
             watch.take(self.now_s, float(asked_C), *of_segment)
         believed = tuple(map(self._believed, range(len(self._watches)), reading.stiffness))
         if believed != reading.stiffness:

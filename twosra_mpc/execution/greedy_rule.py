@@ -188,9 +188,8 @@ class Changing:
             return self._then()
         if belief.now_s >= run.settings.longest_s:
             return run.begin()
-        for segment, (soft, now) in enumerate(
-            zip(self._mode, belief.reading.stiffness, strict=True)
-        ):
+        each = zip(self._mode, belief.reading.stiffness, strict=True)
+        for segment, (soft, now) in enumerate(each):
             to = "soft" if soft else "rigid"
             if now != to and belief.reading.faulty[segment]:  # one that is slow: `SegmentWatch`
                 return run.lost(segment, to)

@@ -60,10 +60,9 @@ def _joints(geometry: Geometry) -> Iterator[Joint]:
         parent, out_m = BASE, side * geometry.half_link_m
         for segment in order:
             name, piece_m = f"segment{segment + 1}", side * geometry.lengths_m[segment] / PIECES
-            outer = f"b{unit + 1}" if segment == order[-1] else f"{name}_link"
-            last_m = side * (
-                geometry.end_link_m if segment == order[-1] else geometry.middle_link_m
-            )
+            last = segment == order[-1]
+            outer = f"b{unit + 1}" if last else f"{name}_link"
+            last_m = side * (geometry.end_link_m if last else geometry.middle_link_m)
             pieces = [(f"{name}_piece{k + 1}", piece_m) for k in range(PIECES)]
             for k, (child, long_m) in enumerate([*pieces, (outer, last_m)]):
                 share = side / PIECES * (0.5 if k in (0, PIECES) else 1.0)

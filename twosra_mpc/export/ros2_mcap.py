@@ -157,9 +157,8 @@ def _send_motion(plan: Plan, send: Send) -> None:
         samples.t_s[new].tolist(), samples.q[new], turned[new], moved[new].tolist(), strict=True
     ):
         position = angles(geometry, q, wheel_rad).tolist()
-        send(
-            "/joint_states", "sensor_msgs/JointState", time_s, _joint_state(time_s, names, position)
-        )
+        state = _joint_state(time_s, names, position)
+        send("/joint_states", "sensor_msgs/JointState", time_s, state)
         x, y, phi = q[:POSE].tolist()
         frames = [_frame(time_s, WORLD, BASE, _xyz(x, y), _turn(phi))]
         frames += [_joint_frame(time_s, *each) for each in zip(chain, position, strict=True)]

@@ -116,8 +116,7 @@ def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
 @lru_cache(maxsize=BODIES)
 def wheel_poses(geometry: Geometry) -> ca.Function:
     """Q -> ``wheel_pose_matrix``, written down once and called from then on."""
-    q, placement = ca.SX.sym("q", POSE + geometry.segments), ca.DM(geometry.wheel_placement).T
-    units = [
-        composed(fibre_end_pose(geometry, q, i), placement[:, 2 * i : 2 * i + 2]) for i in (0, 1)
-    ]
+    q = ca.SX.sym("q", POSE + geometry.segments)
+    pairs = ca.horzsplit(ca.DM(geometry.wheel_placement).T, 2)
+    units = [composed(fibre_end_pose(geometry, q, i), pair) for i, pair in enumerate(pairs)]
     return ca.Function("wheel_poses", [q], [ca.horzcat(*units)], ["q"], ["poses"])

@@ -125,9 +125,7 @@ def mjcf(
     root = fromstring(text)
     bent = {f"bend{j}": bend_rad for j, bend_rad in enumerate(bends_rad, start=1)}
     angles = bent | dict(zip(("x", "y", "phi"), q[:POSE].tolist(), strict=True))
-    joints = [
-        joint.get("name", "").partition("_")[0] for joint in root.iterfind("worldbody//joint")
-    ]
+    joints = [one.get("name", "").partition("_")[0] for one in root.iterfind("worldbody//joint")]
     place = " ".join(f"{angles.get(joint, 0.0):z.9g}" for joint in joints)
     SubElement(SubElement(root, "keyframe"), "key", name="start", qpos=place)
     indent(root)
@@ -195,6 +193,4 @@ def _hinges(geometry: Geometry, segments: Sequence[int], side: int, count: int) 
 def _prisms(shape: Obstacle) -> list[list[float]]:
     """Corners of convex parts of a polygon, standing on the ground."""
     parts = [part.tolist() for part in convex_parts(shape.corners_m)]
-    return [
-        [value for z in (0, _HEIGHT_M) for x, y in part for value in (x, y, z)] for part in parts
-    ]
+    return [[v for z in (0, _HEIGHT_M) for x, y in part for v in (x, y, z)] for part in parts]

@@ -93,9 +93,7 @@ def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
     parts = list(_smooth_parts(motion))
     whole = list(zip(parts, _from_rest_to_rest(motion, parts), strict=True))
     phases = range(len(motion.sequence))
-    return tuple(
-        _joined(motion, i, [own for part, own in whole if part.phase == i]) for i in phases
-    )
+    return tuple(_joined(motion, i, [own for p, own in whole if p.phase == i]) for i in phases)
 
 
 def _noticed(profile: SpeedProfile) -> SpeedProfile:
@@ -111,9 +109,8 @@ def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedPro
     x, lasting = np.append(used, len(durations)), durations[used]
     v = motion.inputs[phase][used] / lasting[:, None]
     modes = np.tile(np.array(motion.sequence[phase]), (len(used), 1))
-    turned = np.array(
-        [wheel_speeds(motion.robot, q, v, modes) for q in (states[used], states[used + 1])]
-    )
+    ends = states[used], states[used + 1]
+    turned = np.array([wheel_speeds(motion.robot, q, v, modes) for q in ends])
     mean = (turned[0] ** 2 + turned[0] * turned[1] + turned[1] ** 2).sum(axis=1) / 3
     return SpeedProfile(
         x=x.astype(float),
@@ -201,9 +198,7 @@ def _from_rest_to_rest(motion: Motion, parts: list[_Part]) -> Iterator[SpeedProf
         for part in parts
     ]
     length = [np.diff(part.nodes)[k] for part, k in zip(parts, at, strict=True)]
-    share = [
-        (part.path - part.nodes[k]) / own for part, k, own in zip(parts, at, length, strict=True)
-    ]
+    share = [(p.path - p.nodes[k]) / own for p, k, own in zip(parts, at, length, strict=True)]
     phase = np.repeat([part.phase for part in parts], [len(part.path) for part in parts])
     k = np.concatenate([part.intervals[at] for part, at in zip(parts, at, strict=True)])
     s, modes = motion.inputs[phase, k], np.array(motion.sequence)[phase]
@@ -291,9 +286,8 @@ def sample(
     heating = transition_model(problem).heating(transitions)
     events = [time for item in heating for time in item.event_times() if time <= finish_s]
     times = np.array(sorted({0.0, finish_s, *np.arange(0.0, finish_s, HOLD_SAMPLE_S), *events}))
-    t, q, v, a, mode, wheel_rad_s = _on_path(
-        _knots(motion, profiles, phase_starts), times, problem.robot
-    )
+    knots = _knots(motion, profiles, phase_starts)
+    t, q, v, a, mode, wheel_rad_s = _on_path(knots, times, problem.robot)
     just_after = t + 2 * SAME_TIME_S
     resting = ~(v.any(axis=1) | a.any(axis=1))
     soft = np.column_stack([item.soft(just_after) for item in heating])

@@ -81,9 +81,8 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
             q = phase_rows(plan.trajectory.samples, phase)
             plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
             _draw_path(ax, q, phase)
-            ax.set_title(
-                f"{number}: {mode_name(phase.mode)}, {timeline_figures.phase_duration(phase)}"
-            )
+            took = timeline_figures.phase_duration(phase)
+            ax.set_title(f"{number}: {mode_name(phase.mode)}, {took}")
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
     extent_m = world_figures.extent_m(plan.trajectory, seen)
     world_figures.show_world(axes, plan.problem, extent_m, 6.0)

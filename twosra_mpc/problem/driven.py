@@ -68,12 +68,10 @@ def driven(
     bent = dt / 8 * (moved[: len(rows)] - moved[next_to])  # Hermite's cubic in between
     at = (first + last) / 2 + bent, (begin + after) / 2, rate, rate, modes
     *midway, middle, _, _ = by_modes(limits.motion_function(robot), *at)
-    places = [
-        np.stack([x[: len(rows)], y, x[next_to]]) for x, y in zip(shares, midway, strict=True)
-    ]
-    turned = places[limits.speed_limits(robot).index(limits.WHEEL_SPEED)]
+    shown = [np.stack([x[: len(rows)], y, x[next_to]]) for x, y in zip(shares, midway, strict=True)]
+    turned = shown[limits.speed_limits(robot).index(limits.WHEEL_SPEED)]
     wheels = turned * limits.WHEEL_SPEED.most(robot)
-    return Driven(rows, places, wheels, np.stack([turning[: len(rows)], middle, ended[next_to]]))
+    return Driven(rows, shown, wheels, np.stack([turning[: len(rows)], middle, ended[next_to]]))
 
 
 def margins(

@@ -84,9 +84,8 @@ def check_workspace(problem: Problem) -> None:
     for name, q in ends_to_check(problem):
         margins = limits.workspace_margins(problem, q)
         if margins.max() < 0:
-            allowed = (
-                f"a robot inside the workspace; here it is {-1e3 * margins[0]:z.1f} mm outside"
-            )
+            out_mm = -1e3 * margins[0]
+            allowed = f"a robot inside the workspace; here it is {out_mm:z.1f} mm outside"
             raise InputError(name, tuple(q[0].tolist()), allowed)
 
 

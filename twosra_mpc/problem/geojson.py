@@ -67,9 +67,8 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     doubts = [each for frame in frames.values() for each in _doubts_about_frame(frame)]
     if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
         hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
-        raise InputError(
-            "geometries", geometries, f"a GeoJSON object, or a list of them: {_KINDS}", hint=hint
-        )
+        allowed = f"a GeoJSON object, or a list of them: {_KINDS}"
+        raise InputError("geometries", geometries, allowed, hint=hint)
     several = [geometries] if single else list(geometries)
     if names is not None and len(names) != len(several):
         raise InputError("names", len(names), f"one for each of {len(several)} geometries")

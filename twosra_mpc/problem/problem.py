@@ -234,10 +234,8 @@ class Problem(Value):
         found = list(self._wrong_lengths()) or list(self._contradictions())
         things = [[item.name for item in kind] for kind in (self.obstacles, self.objects)]
         found += names_twice(*things)
-        segments = self.robot.coordinates.segments
-        found += task_problems(
-            self.tasks, self.objects, self.obstacles, segments, self.start.holding
-        )
+        segments, held = self.robot.coordinates.segments, self.start.holding
+        found += task_problems(self.tasks, self.objects, self.obstacles, segments, held)
         if found:
             raise found[0].among(found[1:])
         return self
@@ -397,10 +395,8 @@ class Problem(Value):
     def start_states(self) -> tuple[State, ...]:
         """State of each segment at t = 0, of its thermal model; none where times are constant."""
         bodies = self.start.body_temperature_C or self._unsaid
-        each = zip(
-            self.segment_models, self.temperatures, self.melt_fractions, bodies, strict=False
-        )
-        return tuple(model.initial(now, share, body) for model, now, share, body in each)
+        own = zip(self.segment_models, self.temperatures, self.melt_fractions, bodies, strict=False)
+        return tuple(model.initial(now, share, body) for model, now, share, body in own)
 
     @property
     def stiffness_thresholds_C(self) -> tuple[float, float]:

@@ -64,9 +64,7 @@ class Body:
         return one_body, (self.geometry, self.path, self.limits)
 
 
-_bodies: WeakValueDictionary[tuple[Geometry, PathRecord, MotionLimits], Body] = (
-    WeakValueDictionary()
-)
+_bodies = WeakValueDictionary[tuple[Geometry, PathRecord, MotionLimits], Body]()
 
 
 def one_body(geometry: Geometry, path: PathRecord, limits: MotionLimits) -> Body:

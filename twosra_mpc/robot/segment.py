@@ -119,9 +119,8 @@ class Segment(Tagged):
     def _ranges_of_parameters(self) -> Self:
         for name, (low, high) in self.ranges.items():
             if name not in self.uncertain:
-                raise InputError(
-                    f"ranges.{name}", [low, high], f"one of {', '.join(self.uncertain)}"
-                )
+                known = f"one of {', '.join(self.uncertain)}"
+                raise InputError(f"ranges.{name}", [low, high], known)
             if not 0 < low <= high:
                 allowed = "two positive numbers, low then high"
                 raise InputError(f"ranges.{name}", [low, high], allowed)

@@ -164,9 +164,8 @@ class HeatingPlan:
             soft: Whether it is liquid then, and its heater on.
             onsets: (soft or rigid, onset [s]) in order.
         """
-        trajectory = TemperatureTrajectory(
-            self.model, self._from("soft" if soft else "rigid", 0.0, start)
-        )
+        pieces = self._from("soft" if soft else "rigid", 0.0, start)
+        trajectory = TemperatureTrajectory(self.model, pieces)
         done, made = 0.0, list[SegmentTransition]()
         changing = self.model.solid_level < self.model.level(start) < self.model.liquid_level
         for to, onset in onsets:
@@ -228,10 +227,9 @@ class HeatingPlan:
         self, trajectory: TemperatureTrajectory, to: Stiffness, since: float, onset: float
     ) -> tuple[TemperatureTrajectory, SegmentTransition]:
         """Switch the heater as late (on) or as early (off) as the onset allows, after ``since``."""
-        soft = to == "soft"
-        early_s, late_s = (
-            (self.lead_s, self.melting_s) if soft else (self.coasting_s, self.freezing_s)
-        )
+        early_s, late_s = self.coasting_s, self.freezing_s
+        if to == "soft":
+            early_s, late_s = self.lead_s, self.melting_s
 
         def late(switch: float) -> float:
             by = switch + early_s(trajectory.state_at(switch)) - onset

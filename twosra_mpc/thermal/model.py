@@ -167,9 +167,8 @@ def reference_times(
     if heating == math.inf:
         return ReferenceTimes(lead, melt, math.inf, math.inf)
     hot = model.propagate(cold, melt_current_A, heating)
-    coasting, freeze = (
-        model.time_until(hot, 0.0, level) for level in (model.liquid_level, model.solid_level)
-    )
+    levels = model.liquid_level, model.solid_level
+    coasting, freeze = (model.time_until(hot, 0.0, level) for level in levels)
     return ReferenceTimes(lead, melt, coasting, freeze)
 
 

@@ -133,9 +133,8 @@ class Overlapped(TransitionModel):
             for freeze, left in unheated(sequence, self.first, last):
                 least[layout.end(freeze.gap - 1), layout.origin] = -max(map(self._first_lead, left))
             for _, off, on in handovers(sequence, self.first, last):
-                least[layout.onset_of(off), layout.onset_of(on)] = (
-                    self._lead(on) - self._freeze_lead
-                )
+                ends = layout.onset_of(off), layout.onset_of(on)
+                least[ends] = self._lead(on) - self._freeze_lead
             for turns in self._sharing(made):
                 melt, off, on = turns[0]
                 changing_s = self.times.melt_changing_s

@@ -149,9 +149,7 @@ def _constraints(
     """Rows of each stage, of the wheel rates period by period, and the sign of the slack."""
     unit, limits = _row_units(setup, stage), list(stage.limits)
     largest = unit[limits]
-    speeds = [
-        _linearised_speeds(setup, unit, expected, period, k) for k, period in enumerate(periods)
-    ]
+    speeds = [_linearised_speeds(setup, unit, expected, p, k) for k, p in enumerate(periods)]
     stages = []
     for k, speed in enumerate(speeds):
         limited = _Affine(speed.matrix[limits, :], speed.constant[limits])
