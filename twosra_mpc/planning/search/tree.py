@@ -81,17 +81,11 @@ class Leaves:
             durations = map(max, self.so_far.durations(whole), longer)
             relaxed = self._lasting(whole, list(durations))
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
-        stages, sequences, alone = (
-            self.nodes.variants[whole.variant],
-            whole.sequences,
-            self.so_far.to_go.alone,
-        )
-        later = sum(
-            alone.cost(stage, before[-1], sequence)
-            for stage, before, sequence in zip(stages[1:], sequences, sequences[1:], strict=False)
-        )
         if bound >= enough:
             return bound
+        stages, cost = self.nodes.variants[whole.variant], self.so_far.to_go.alone.cost
+        ends = [sequence[-1] for sequence in whole.sequences]
+        later = sum(map(cost, stages[1:], ends, whole.sequences[1:]))
         return max(bound, self._by_motion(whole, drives_s[0], enough - later) + later)
 
     def _drives(
