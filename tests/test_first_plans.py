@@ -80,10 +80,8 @@ def test_a_first_plan_is_little_work(
     work = counted(monkeypatch)
     with pytest.raises(FirstPlanError):
         plan(load_problem(name))
-    assert work["sums"] <= sums
-    assert work["legs"] <= legs
-    assert work["bounds"] <= 800
-    assert work["plans"] <= 1
+    most = {"sums": sums, "legs": legs, "bounds": 800, "plans": 1}
+    assert all(work[key] <= count for key, count in most.items()), work
 
 
 def crowded(seed: int, count: int) -> World:
