@@ -210,16 +210,18 @@ def test_fields_say_how_long_it_takes_to_get_there() -> None:
     assert drives.field(np.array([0.59, 0.59, 0.0])) is None
 
 
-def test_open_scenes_need_no_polygons() -> None:
-    code = """if True:
+@pytest.mark.parametrize(("wide_m", "poses"), [(0.1, 3), (0.25, 4)])
+def test_walls_that_one_or_two_poses_get_around_need_no_polygons(wide_m: float, poses: int) -> None:
+    code = f"""if True:
         import sys
         import numpy as np
         from twosra_mpc import load_robot
         from twosra_mpc.problem.world import World
         from twosra_mpc.space.drives import Drives
-        world = World(obstacles=[{"box": {"x_m": (0, 0.1), "y_m": (-0.1, 0.1)}}])
+        walls = [(-0.15, -{wide_m}, 0.08), (0.15, -0.08, {wide_m})]
+        world = World(obstacles=[{{"box": {{"x_m": (x, x + 0.02), "y_m": y}}}} for x, *y in walls])
         drives = Drives(load_robot("2sra-v1"), world, (0.0, 0.0))
-        assert drives.best(np.array([-0.4, 0, 0]), np.array([0.5, 0.1, 0])) is not None
+        assert len(drives.best(np.array([-0.4, 0, 0]), np.array([0.5, 0.1, 0]))) == {poses}
         assert "shapely" not in sys.modules
     """
     subprocess.run([sys.executable, "-c", code], check=True)

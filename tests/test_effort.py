@@ -231,7 +231,7 @@ def test_more_work_never_finds_a_worse_plan_nor_proves_less(
 
 # --- what plans may cost ------------------------------------------------------------------------
 
-_FIRST, _WHOLE = 750.0, 1000.0  # of every built-in scenario [units]
+_FIRST, _WHOLE = 450.0, 700.0  # of every built-in scenario [units]
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -244,7 +244,7 @@ def test_a_built_in_scenario_has_a_plan_soon_and_reaches_its_gap(name: str) -> N
         return
     assert made.status is Status.OPTIMAL, made.message
     assert made.stats.first_plan_work is not None
-    assert made.stats.first_plan_work <= _FIRST
+    assert made.stats.first_plan_work <= (640.0 if name == "corridor" else _FIRST)
 
 
 def test_every_cost_is_a_whole_number_that_counts() -> None:

@@ -66,12 +66,12 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     ("name", "sums", "legs"),
     [
         ("scattered", 6_000, 350),
-        ("doorway", 6_500, 550),
+        ("doorway", 6_500, 560),
         ("corridor", 8_000, 500),
-        ("conform-cylinder", 0, 100),
-        ("grasp-cube", 1_200, 150),
-        ("pick-and-place", 1_800, 500),
-        ("tidy-up", 2_200, 500),
+        ("conform-cylinder", 0, 60),
+        ("grasp-cube", 1_200, 120),
+        ("pick-and-place", 0, 400),
+        ("tidy-up", 0, 500),
     ],
 )
 def test_a_first_plan_is_little_work(
@@ -80,10 +80,8 @@ def test_a_first_plan_is_little_work(
     work = counted(monkeypatch)
     with pytest.raises(FirstPlanError):
         plan(load_problem(name))
-    assert work["sums"] <= sums
-    assert work["legs"] <= legs
-    assert work["bounds"] <= 800
-    assert work["plans"] <= 1
+    most = {"sums": sums, "legs": legs, "bounds": 800, "plans": 1}
+    assert all(work[key] <= count for key, count in most.items()), work
 
 
 def crowded(seed: int, count: int) -> World:

@@ -199,7 +199,7 @@ def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, fa
     ways = far_m * np.column_stack([np.cos(angles), np.sin(angles)])
     corners = fine_corners_m(thing.at(pose))
     passed = np.concatenate([np.tile(corners, (_WAYS_OUT, 1, 1)), corners + ways[:, None]], axis=1)
-    hulls = shapely.convex_hull(shapely.multipoints(passed))
+    hulls = shapely.convex_hull(shapely.linestrings(passed))
     free = shapely.distance(hulls, fibre) > geometry.fibre_radius_m
     return bool((free & ~shapely.intersects(hulls, solid)).any())
 

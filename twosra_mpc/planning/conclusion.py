@@ -84,14 +84,15 @@ def _gentler(found: Solved, lower_bound: float) -> Solved:
     return found
 
 
-def quality(made: Plan, ending: Ending, *, several: bool) -> str:
-    """Message about a plan that was found, of one stage or of several."""
+def quality(made: Plan, ending: Ending) -> str:
+    """Message about a plan that was found."""
     if made.status is Status.OPTIMAL:
         return str(made)
     if ending is Ending.EXHAUSTED:
-        phases = f"max_phases = {made.problem.max_phases}"
-        if several:
-            phases = f"{MOST_PHASES} phases a task"
+        alone = len(made.problem.stages()) == 1
+        phases = (
+            f"max_phases = {made.problem.max_phases}" if alone else f"{MOST_PHASES} phases a task"
+        )
         tried = f"no mode sequence of up to {phases} is left to try"
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
@@ -122,11 +123,7 @@ def conclude(
         made = search.solution.plan
         lower = None if lower is None else _at_most_cost(lower, made)
         made = replace(made, lower_bound=lower)
-        problem, status, message = (
-            made.problem,
-            made.status,
-            quality(made, ending, several=tree.nodes.only is None),
-        )
+        problem, status, message = made.problem, made.status, quality(made, ending)
     elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
         lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
@@ -146,7 +143,7 @@ def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -
 
 def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str:
     """Reason why no plan was found although one may exist, and what to change."""
-    none = nothing_found(problem, several=tree.nodes.only is None)
+    none = nothing_found(problem)
     if (ending := search.ending) is not Ending.EXHAUSTED:
         limit = limit_reached() or "work_limit"
         effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
@@ -165,9 +162,9 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
     return f"{tried}: raise max_phases, allow more modes, or widen {wider}"
 
 
-def nothing_found(problem: Problem, *, several: bool) -> str:
-    """Message that there is no plan, of a goal or of several tasks."""
-    if several:
+def nothing_found(problem: Problem) -> str:
+    """Message that there is no plan."""
+    if len(problem.stages()) > 1:
         return "no plan of these tasks found"
     within = "" if problem.workspace is None else " within the workspace"
     return f"no plan found{' among the obstacles' if problem.obstacles else within}"

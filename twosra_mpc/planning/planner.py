@@ -112,8 +112,7 @@ def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
             ending = Ending.LIMIT
         except KeyboardInterrupt:
             ending = Ending.INTERRUPTED
-        none = nothing_found(problem, several=len(problem.stages()) > 1)
-        message = f"{none} ({STOPPED[ending]}): {advice(ending)}"
+        message = f"{nothing_found(problem)} ({STOPPED[ending]}): {advice(ending)}"
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
     how = problem.planner, Status.FAILED, message, None, ending
     return Result(problem, *how, stats, None)

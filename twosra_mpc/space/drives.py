@@ -1,7 +1,7 @@
 """Drives of a robot in one shape among obstacles: decided, found, made shorter, and certified.
 
 A drive is a sequence of poses; between two of them the body twist is constant (a leg), and the
-robot is at rest at each of them. A straight leg, or one pose in between, needs no slices.
+robot is at rest at each of them. A straight leg, or few poses in between, need no slices.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.footprint import SAGITTA_M, footprint, kept_m
 from twosra_mpc.space.screws import (
     Bools,
+    ByFew,
     Proof,
     by_one_pose,
+    by_two_poses,
     clear_legs,
     continued,
     improved,
@@ -39,7 +41,8 @@ if TYPE_CHECKING:  # they import shapely
 
 HEADINGS = (72, 180, 360)  # slices, finer as needed
 _SPACING_M = 0.04  # of the roadmap's grid: about a unit's side
-_DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
+_DETOUR = 1.5  # times the straight leg: as long a drive by few poses is taken without further ado
+_ELSEWHERE = 1.25  # times the fastest road: as long is one that goes round elsewhere, at most
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _NOTHING = np.zeros((0, 4, 2))
 
@@ -195,17 +198,27 @@ class Drives:
         """
         goal = continued(np.array([start, goal]))[-1]
         straight, proof = np.array([start, goal]), self.proof(start)
-        guess = by_one_pose(start, goal, self._free, self.leg_times_s, proof)
-        if guess is not None:
-            guess = improved(guess, self.leg_times_s, proof)
+        guess = self._by_few(by_one_pose, start, goal, proof)
         if proof(straight[:1], straight[1:]).all():
-            return straight if guess is None else min(straight, guess, key=self.time_s)
+            return self._quicker(straight, guess)
+        most_s = _DETOUR * self.time_s(straight)
+        if not self._roadmaps and (guess is None or self.time_s(guess) > most_s):
+            guess = self._quicker(guess, self._by_few(by_two_poses, start, goal, proof))
         if guess is None:
             return self._by_roads(self.headings, start, goal)
-        if self.time_s(guess) <= _DETOUR * self.time_s(straight):
+        if self.time_s(guess) <= most_s:
             return guess
-        found = self._by_roads(self.headings[:1], start, goal)
-        return guess if found is None else min(guess, found, key=self.time_s)
+        return self._quicker(guess, self._by_roads(self.headings[:1], start, goal))
+
+    def _by_few(self, by: ByFew, start: Array, goal: Array, proof: Proof) -> Array | None:
+        """A drive by one or two poses, made shorter."""
+        times = self.leg_times_s
+        found = by(start, goal, self._free, times, proof)
+        return None if found is None else shortest(improved(found, times, proof), times, proof)
+
+    def _quicker(self, *drives: Array | None) -> Array | None:
+        """The quickest of drives, as far as they were found."""
+        return min((found for found in drives if found is not None), key=self.time_s, default=None)
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
         for headings in fineness:
@@ -225,7 +238,7 @@ class Drives:
         path = None if field is None else field.path(ends[1])
         if field is None or back is None or path is None:
             return None
-        other = field.other_path(back, path, self.footprint.radius_m, _DETOUR)
+        other = field.other_path(back, path, self.footprint.radius_m, _ELSEWHERE)
         ways = [
             continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
         ]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.lattice import Lattice, lattice, triangles
+from twosra_mpc.space.lattice import lattice, triangles
 from twosra_mpc.space.screws import continued, times_at_speed_s, twists
 from twosra_mpc.space.slices import FreeSlices, Indices, components
 
@@ -229,7 +229,8 @@ def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
     spacing_m = max(spacing_m, ((x1 - x0) * (y1 - y0) / _MOST) ** 0.5)
     grid, exact = lattice(slices, spacing_m), triangles(slices)
     meeting, of_meeting = _in_both(slices)
-    some = _one_of_each(grid)
+    own = components(len(grid.poses), grid.moves)
+    some = np.unique(own, return_index=True)[1]  # a node of each set that moves connect
     of_some = slices.index_of(grid.poses[some, 2])
     sizes = np.cumsum([len(grid.poses), len(exact.positions)])
     pairs = sizes[1] + np.arange(len(meeting)).reshape(-1, 2)
@@ -243,12 +244,6 @@ def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
     edges = np.concatenate([grid.moves, grid.turns, sizes[0] + exact.edges, pairs, links])
     charge(Cost.ROAD, len(poses))
     return Roadmap(slices, rows, poses, slice_of, edges)
-
-
-def _one_of_each(grid: Lattice) -> Indices:
-    """A node of each set of grid nodes of one slice that moves connect."""
-    own = components(len(grid.poses), grid.moves)
-    return np.asarray(np.unique(own, return_index=True)[1], dtype=np.int64)
 
 
 def _in_both(slices: FreeSlices) -> tuple[Array, Indices]:

@@ -105,6 +105,8 @@ def clear_legs(
 Bools = NDArray[np.bool_]
 Times = Callable[[Array, Array], Array]  # of legs between poses (..., 3) each, (...,) [s]
 Proof = Callable[[Array, Array], Bools]  # which of them are clear, (m,)
+Free = Callable[[Array], Bools]  # which of poses (m, 3) are, (m,)
+ByFew = Callable[[Array, Array, Free, Times, Proof], Array | None]  # a drive from start to goal
 
 _WINDOW = 20  # poses of which every pair may be a leg
 _PROVED = 16  # of those, at once
@@ -113,6 +115,8 @@ _PER_STEP_RAD = 5.0  # turns go with them, per metre
 _WORTH_S = 1e-3  # a shorter way by less is rounding
 _TRIED = 4  # of the moves that save most
 _GUESSES = 16  # poses tried between two legs, the quickest first
+_PAIRS = 640  # of poses, between three legs
+_NEAR, _WIDE = np.linspace(-0.5, 0.5, 5), np.linspace(-1.0, 1.0, 7)  # of the way, to either side
 _SIGNS = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 _MOVES = _SIGNS[_SIGNS.any(axis=1)] * np.array([1.0, 1.0, _PER_STEP_RAD])  # of poses, per metre
 
@@ -196,20 +200,9 @@ def _both_clear(before: Array, some: Array, after: Array, proof: Proof) -> Bools
     return to & on
 
 
-def by_one_pose(
-    start: Array,
-    goal: Array,
-    free: Callable[[Array], Bools],
-    times: Times,
-    proof: Proof,
-) -> Array | None:
+def by_one_pose(start: Array, goal: Array, free: Free, times: Times, proof: Proof) -> Array | None:
     """The fastest clear drive by one of a few poses around the way from start to goal (3,)."""
-    apart = float(np.hypot(*(goal - start)[:2])) + 0.1
-    along = np.array([-0.5, -0.25, 0.0, 0.25, 0.5])
-    turn = float(wrapped(goal[2] - start[2]))
-    x, y, share = np.meshgrid(along, along, [0.0, 0.5, 1.0], indexing="ij")
-    tried = np.stack([x * apart, y * apart, share * turn], axis=-1).reshape(-1, 3)
-    tried += np.array([*(start + goal)[:2] / 2, start[2]])
+    tried = _around(start, goal, _NEAR)
     ends = [np.broadcast_to(pose, tried.shape) for pose in (start, goal)]
     taken = times(ends[0], tried) + times(tried, ends[1])
     order = np.argsort(taken, kind="stable")
@@ -217,3 +210,32 @@ def by_one_pose(
     some = tried[order]
     clear = _both_clear(ends[0][order], some, ends[1][order], proof)
     return np.array([start, some[clear][0], goal]) if clear.any() else None
+
+
+def by_two_poses(start: Array, goal: Array, free: Free, times: Times, proof: Proof) -> Array | None:
+    """A fast clear drive by two poses, of many around the way from start to goal (3,)."""
+    tried = _around(start, goal, _WIDE)
+    tried = tried[free(tried)]
+    ends = [np.broadcast_to(pose, tried.shape) for pose in (start, goal)]
+    to, on = proof(ends[0], tried), proof(tried, ends[1])
+    first, last = tried[to], tried[on]
+    taken = times(first[:, None], last)
+    taken += times(ends[0][to], first)[:, None] + times(last, ends[1][on])
+    order = np.argsort(taken, axis=None, kind="stable")[:_PAIRS]
+    for some in np.split(order, range(_PROVED, len(order), _PROVED)):
+        i, j = np.unravel_index(some, taken.shape)
+        clear = proof(first[i], last[j])
+        if clear.any():
+            found = clear.argmax()
+            return continued(np.array([start, first[i[found]], last[j[found]], goal]))
+    return None
+
+
+def _around(start: Array, goal: Array, along: Array) -> Array:
+    """Poses of a grid about the way from start to goal (3,), before, amid and after its turn."""
+    apart = float(np.hypot(*(goal - start)[:2])) + 0.1
+    turn = float(wrapped(goal[2] - start[2]))
+    x, y, share = np.meshgrid(along, along, [0.0, 0.5, 1.0], indexing="ij")
+    by = np.stack([x * apart, y * apart, share * turn], axis=-1).reshape(-1, 3)
+    poses: Array = by + np.array([*(start + goal)[:2] / 2, start[2]])
+    return poses

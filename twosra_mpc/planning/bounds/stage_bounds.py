@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -227,19 +227,11 @@ class StageRelaxation:
         return distance_m - blocks * self.soft_travel_m if blocks else distance_m
 
 
-def stages_bound(
-    network: TemporalNetwork,
-    stages: Sequence[StageBounds],
-    sequences: Sequence[ModeSequence],
-    relaxation: StageRelaxation,
-    weights: Weights,
-    least_durations: Sequence[float],
-) -> SequenceBound | None:
-    """Solve the relaxation of all stages together; None if it is infeasible.
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Relaxation of all stages together, for one mode sequence of each.
 
-    Where only time counts, and it is known which bends take least, that is a longest path.
-
-    Args:
+    Attributes:
         network: Of all phases.
         stages: The stages.
         sequences: Their mode sequences.
@@ -247,107 +239,101 @@ def stages_bound(
         weights: Weights of the cost.
         least_durations: Of the phases [s].
     """
-    pairs = [(each, stage.bend) for each, stage in zip(sequences, stages, strict=True)]
-    quickest = (quickest_bends(each, task, weights) for each, task in pairs if task is not None)
-    known = [bends for bends in quickest if bends is not None]
-    if len(known) < len(stages) or any(stage.distance_m for stage in stages):
-        try:
-            return _program(network, stages, sequences, relaxation, weights, least_durations)
-        except ArithmeticError:
-            known = [
-                mean_bends(each, task) if task else np.zeros(len(each)) for each, task in pairs
-            ]
-    return longest_path_bound(network, np.concatenate(known), weights, least_durations)
 
+    network: TemporalNetwork
+    stages: Sequence[StageBounds]
+    sequences: Sequence[ModeSequence]
+    relaxation: StageRelaxation
+    weights: Weights
+    least_durations: Sequence[float]
 
-def _program(
-    network: TemporalNetwork,
-    stages: Sequence[StageBounds],
-    sequences: Sequence[ModeSequence],
-    relaxation: StageRelaxation,
-    weights: Weights,
-    least_durations: Sequence[float],
-) -> SequenceBound | None:
-    """The linear program: the first stage's bends from the known start, then those of all."""
-    rates, efforts, told, own = list[float](), list[float](), 0, None
-    if (task := stages[0].bend) is not None:
-        own = BendRows(sequences[0], task, weights)
-        rates, efforts, told = own.rates, own.efforts, len(sequences[0])
-    later = network.sequence[told:]
-    rates = [*rates, *(relaxation.rate(mode) if any(mode) else 0.0 for mode in later)]
-    efforts = [*efforts, *[0.0] * len(later)] if weights.effort else []
-    program = Relaxation(network, weights, least_durations, rates, efforts)
-    if own is not None:
-        own.add_to(program)
-    ends = [0, *itertools.accumulate(map(len, sequences))]
-    stops = {ends[k]: stage.change for k, stage in enumerate(stages, start=1)}
-    for j, room in enumerate(relaxation.room() if later else ()):
-        if not _bends(program, network, stops, told, j, room):
-            return None
-    resting = _resting(stages, sequences)
-    for k, stage in enumerate(stages, start=1):
-        moving = [i for i in range(ends[k - stage.since], ends[k]) if i not in resting]
-        _comes_as_far(program, network, relaxation, moving, stage.distance_m)
-    program.weigh_efforts()
-    return program.optimum()
+    def bound(self) -> SequenceBound | None:
+        """Solve it; None if it is infeasible.
 
+        Where only time counts, and it is known which bends take least, that is a longest path.
+        """
+        stages, weights = self.stages, self.weights
+        pairs = [(each, stage.bend) for each, stage in zip(self.sequences, stages, strict=True)]
+        quickest = (quickest_bends(each, task, weights) for each, task in pairs if task is not None)
+        known = [bends for bends in quickest if bends is not None]
+        if len(known) < len(stages) or any(stage.distance_m for stage in stages):
+            try:
+                return self._program()
+            except ArithmeticError:
+                known = [
+                    mean_bends(each, task) if task else np.zeros(len(each)) for each, task in pairs
+                ]
+        bends = np.concatenate(known)
+        return longest_path_bound(self.network, bends, weights, self.least_durations)
 
-def _resting(stages: Sequence[StageBounds], sequences: Sequence[ModeSequence]) -> list[int]:
-    """Phases in which nothing moves."""
-    pairs = zip(stages, sequences, strict=True)
-    moving = [moves for stage, sequence in pairs for moves in stage.moving(sequence)]
-    return [i for i, moves in enumerate(moving) if not moves]
+    def _program(self) -> SequenceBound | None:
+        """The linear program: the first stage's bends from the known start, then those of all."""
+        sequences, weights, relaxation = self.sequences, self.weights, self.relaxation
+        rates, efforts, told, own = list[float](), list[float](), 0, None
+        if (task := self.stages[0].bend) is not None:
+            own = BendRows(sequences[0], task, weights)
+            rates, efforts, told = own.rates, own.efforts, len(sequences[0])
+        later = self.network.sequence[told:]
+        rates = [*rates, *(relaxation.rate(mode) if any(mode) else 0.0 for mode in later)]
+        efforts = [*efforts, *[0.0] * len(later)] if weights.effort else []
+        program = Relaxation(self.network, weights, self.least_durations, rates, efforts)
+        if own is not None:
+            own.add_to(program)
+        for j, room in enumerate(relaxation.room() if later else ()):
+            if not self._bends(program, told, j, room):
+                return None
+        pairs = zip(self.stages, sequences, strict=True)
+        moves = [moves for stage, sequence in pairs for moves in stage.moving(sequence)]
+        ends = [0, *self._ends]
+        for k, stage in enumerate(self.stages, start=1):
+            moving = [i for i in range(ends[k - stage.since], ends[k]) if moves[i]]
+            self._comes_as_far(program, moving, stage.distance_m)
+        program.weigh_efforts()
+        return program.optimum()
 
+    @property
+    def _ends(self) -> Iterable[int]:
+        """Number of phases up to the end of each stage."""
+        return itertools.accumulate(map(len, self.sequences))
 
-def _bends(
-    program: Relaxation,
-    network: TemporalNetwork,
-    stops: Mapping[int, Intervals],
-    told: int,
-    segment: int,
-    room: tuple[float, float],
-) -> bool:
-    """Keep the W of a segment within its room and the ends of stages; False if it cannot be.
+    def _bends(
+        self, program: Relaxation, told: int, segment: int, room: tuple[float, float]
+    ) -> bool:
+        """Keep the W of a segment within its room and the ends of stages; False if it cannot be.
 
-    Of so many first phases it is ``told`` already.
-    """
-    bends = dict[int, float]()
-    for i, mode in enumerate(network.sequence):
-        if mode[segment]:
-            bends[network.layout.count + i] = 1.0
-        if i < told:
-            continue
-        allowed = [room] if mode[segment] else []
-        allowed += [stops[i + 1][segment]] if i + 1 in stops else []
-        for low, high in allowed:
-            if not bends and not low - _ROUNDING <= 0.0 <= high + _ROUNDING:
-                return False
-            for sign, least in ((1.0, low), (-1.0, -high)):
-                if bends and math.isfinite(least):
-                    program.at_least(dict.fromkeys(bends, sign), least)
-    return True
+        Of so many first phases it is ``told`` already.
+        """
+        stops = {end: each.change for end, each in zip(self._ends, self.stages, strict=True)}
+        bends = dict[int, float]()
+        for i, mode in enumerate(self.network.sequence):
+            if mode[segment]:
+                bends[self.network.layout.count + i] = 1.0
+            if i < told:
+                continue
+            allowed = [room] if mode[segment] else []
+            allowed += [stops[i + 1][segment]] if i + 1 in stops else []
+            for low, high in allowed:
+                if not bends and not low - _ROUNDING <= 0.0 <= high + _ROUNDING:
+                    return False
+                for sign, least in ((1.0, low), (-1.0, -high)):
+                    if bends and math.isfinite(least):
+                        program.at_least(dict.fromkeys(bends, sign), least)
+        return True
 
-
-def _comes_as_far(
-    program: Relaxation,
-    network: TemporalNetwork,
-    relaxation: StageRelaxation,
-    phases: Sequence[int],
-    distance_m: float,
-) -> None:
-    """Let all phases of a stage, and its drives alone, last as long as the way takes."""
-    if distance_m <= 0.0:
-        return
-    sequence = network.sequence
-    by_drives = [i for i in phases if is_rigid(sequence[i])]
-    without_blocks = relaxation.driven_m([sequence[i] for i in phases], distance_m)
-    for moving, least in ((list(phases), distance_m), (by_drives, without_blocks)):
-        speeds = [relaxation.speed_m_s(sequence[i]) for i in moving]
-        if least > 0.0 and all(map(math.isfinite, speeds)):
-            terms: dict[int, float] = {}
-            for i, speed in zip(moving, speeds, strict=True):
-                terms |= {network.layout.end(i): speed, network.layout.start(i): -speed}
-            program.at_least(terms, least)
+    def _comes_as_far(self, program: Relaxation, phases: Sequence[int], distance_m: float) -> None:
+        """Let all phases of a stage, and its drives alone, last as long as the way takes."""
+        if distance_m <= 0.0:
+            return
+        sequence, layout = self.network.sequence, self.network.layout
+        by_drives = [i for i in phases if is_rigid(sequence[i])]
+        driven_m = self.relaxation.driven_m([sequence[i] for i in phases], distance_m)
+        for moving, least in ((phases, distance_m), (by_drives, driven_m)):
+            speeds = [self.relaxation.speed_m_s(sequence[i]) for i in moving]
+            if least > 0.0 and all(map(math.isfinite, speeds)):
+                terms: dict[int, float] = {}
+                for i, speed in zip(moving, speeds, strict=True):
+                    terms |= {layout.end(i): speed, layout.start(i): -speed}
+                program.at_least(terms, least)
 
 
 def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> bool:

@@ -17,7 +17,7 @@ from twosra_mpc.planning.bounds.bends import passes_forbidden
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
-from twosra_mpc.planning.bounds.stage_bounds import StageRelaxation, Way, stages_bound
+from twosra_mpc.planning.bounds.stage_bounds import StageRelaxation, Together, Way
 from twosra_mpc.planning.search.nodes import InTheWay, Node, Nodes, Whole
 from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
 from twosra_mpc.problem.problem import Weights
@@ -60,14 +60,10 @@ class Leaves:
         if not all(map(math.isfinite, durations)):
             return None
         network = self.so_far.network(whole, self.nodes.last(whole), durations)
-        return stages_bound(
-            network,
-            self.nodes.variants[whole.variant],
-            whole.sequences,
-            self.relaxation,
-            self.so_far.weights,
-            durations,
-        )
+        stages, weights = self.nodes.variants[whole.variant], self.so_far.weights
+        return Together(
+            network, stages, whole.sequences, self.relaxation, weights, durations
+        ).bound()
 
     def tighter(
         self, whole: Whole, drives_s: Sequence[Sequence[float]], bound: float, enough: float
@@ -85,17 +81,11 @@ class Leaves:
             durations = map(max, self.so_far.durations(whole), longer)
             relaxed = self._lasting(whole, list(durations))
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
-        stages, sequences, alone = (
-            self.nodes.variants[whole.variant],
-            whole.sequences,
-            self.so_far.to_go.alone,
-        )
-        later = sum(
-            alone.cost(stage, before[-1], sequence)
-            for stage, before, sequence in zip(stages[1:], sequences, sequences[1:], strict=False)
-        )
         if bound >= enough:
             return bound
+        stages, cost = self.nodes.variants[whole.variant], self.so_far.to_go.alone.cost
+        ends = [sequence[-1] for sequence in whole.sequences]
+        later = sum(map(cost, stages[1:], ends, whole.sequences[1:]))
         return max(bound, self._by_motion(whole, drives_s[0], enough - later) + later)
 
     def _drives(

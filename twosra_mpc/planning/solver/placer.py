@@ -169,17 +169,15 @@ def _other_ways(robot: Robot, start: Array, sequence: ModeSequence, direct: Arra
         shapes = np.array([facts.curvatures(w.tolist()) for w in passed])
         stops = np.vstack([start, shapes[[run[-1] for run in runs]]])
         changed = np.abs(np.diff(stops, axis=0)).max(axis=1).min() > _SAME_PER_M
-        if changed and _allowed(robot, shapes, stops[1:-1]):
+        if (
+            changed
+            and broken_by_shapes(robot, shapes) is None
+            and may_drive_in(robot, stops[1:-1]).all()
+        ):
             width_m = max(_width_m(robot, shape) for shape in stops[1:-1])
             found.append((width_m, float(np.abs(bends).sum()), bends))
     found.sort(key=lambda each: each[:2])
     return [bends for *_, bends in found[:_MOST_SHAPES]]
-
-
-def _allowed(robot: Robot, shapes: Array, driven_in: Array) -> bool:
-    if broken_by_shapes(robot, shapes) is not None:
-        return False
-    return bool(may_drive_in(robot, driven_in).all())
 
 
 def _width_m(robot: Robot, kappa: Array) -> float:
@@ -247,13 +245,10 @@ def _null_space(sequence: ModeSequence) -> Array:
             for signs in itertools.product((-1.0, 1.0), repeat=size - 1):
                 vector = np.zeros(len(sequence))
                 vector[list(phases)] = (1.0, *signs)
-                if not (incidence @ vector).any() and _independent([*found, vector]):
+                independent = np.linalg.matrix_rank([*found, vector]) > len(found)
+                if independent and not (incidence @ vector).any():
                     found.append(vector)
     return np.array(found).reshape(-1, len(sequence))
-
-
-def _independent(vectors: Sequence[Array]) -> bool:
-    return bool(np.linalg.matrix_rank(np.array(vectors)) == len(vectors))
 
 
 def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
