@@ -14,12 +14,12 @@ from pathlib import Path
 
 import click
 import pytest
-from heating import true_history, write_log
 from once import solved
-from photographs import write_folder
 from test_occupancy_map import write_map
 from test_replay import TRIAL, TRIAL_1
 
+from benchmarks.files.heating import true_history, write_log
+from benchmarks.files.photographs import write_folder
 from twosra_mpc import cli
 from twosra_mpc.native_output import discarded_native_output
 

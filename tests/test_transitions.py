@@ -8,13 +8,23 @@ from dataclasses import replace
 from importlib.resources import files as package_files
 from pathlib import Path
 
-import melts
 import numpy as np
 import pytest
 import tomlkit
 from conftest import Run
-from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, course, made_up, of_both, write
 
+from benchmarks.files import melts
+from benchmarks.files.melts import (
+    BEGINS_C,
+    ROBOT,
+    TARGETS,
+    TRUE,
+    Rows,
+    course,
+    made_up,
+    of_both,
+    write,
+)
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.lab.identification.transition_fit import (
     LoggedTransition,

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from heating import true_history, write_log
-from melts import made_up, write
-from photographs import LENGTH_M, SCALE_M, write_folder
 from PIL import Image
 
 import twosra_mpc
 from benchmarks.__main__ import main as benchmark
+from benchmarks.files.heating import true_history, write_log
+from benchmarks.files.melts import made_up, write
+from benchmarks.files.photographs import LENGTH_M, SCALE_M, write_folder
 from benchmarks.problems import FOLDER, read_set
 from benchmarks.run_log import NAME
 from twosra_mpc import InputError, load_problem, plan
