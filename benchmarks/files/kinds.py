@@ -173,7 +173,7 @@ _OBSTACLES = {
     ],
 }
 _AROUND = [(0.03 * np.cos(a), 0.03 * np.sin(a)) for a in np.arange(0, 6.2, 0.3)]
-_OUTLINE = "".join(f"{x:.5f},{y:.5f}\n" for x, y in _AROUND)
+_OUTLINE = "".join(f"{x:z.5f},{y:z.5f}\n" for x, y in _AROUND)
 _GRASP = """robot = "2sra-v1"
 tasks = [{ do = "grasp", object = "cup" }]
 start = { x_m = -0.1, y_m = -0.1, phi_rad = 0.0, kappa_per_m = [0.0, 0.0] }

@@ -71,4 +71,4 @@ def _wrong(program: Callable[[list[str]], object], arguments: tuple[str, ...]) -
 
 
 def _hangs(*_: object) -> None:
-    raise SystemExit(f"still at work after {LONGEST_S:g} s")
+    raise SystemExit(f"still at work after {LONGEST_S:zg} s")
