@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import pytest
+from forks import Forks, forking
 from hypothesis import settings
 from once import solved
 
@@ -47,6 +48,13 @@ def any_result(request: pytest.FixtureRequest) -> Result:
 def any_plan(any_result: Result) -> Plan:
     """The plan of paper-1 by each planner with each set of transition times."""
     return any_result.require()
+
+
+@pytest.fixture(scope="session")
+def forks() -> Iterator[Forks]:
+    """The program, in a process of its own, which is a fork."""
+    with forking() as made:
+        yield made
 
 
 class Outcome(NamedTuple):

@@ -23,12 +23,8 @@ import click
 import numpy as np
 import pytest
 from conftest import Run
-from heating import true_history, write_log
 from matplotlib.figure import Figure
-from melts import made_up
-from melts import write as write_rows
 from once import planned, solved
-from photographs import write_folder
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -38,6 +34,10 @@ from test_occupancy_map import write_map
 from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
+from benchmarks.files.heating import true_history, write_log
+from benchmarks.files.melts import made_up
+from benchmarks.files.melts import write as write_rows
+from benchmarks.files.photographs import write_folder
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, simulate_command
 from twosra_mpc.execution.simulation.simulate import Simulation

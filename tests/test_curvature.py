@@ -11,9 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from photographs import LENGTH_M, SCALE_M, camera, draw, photograph, save, write_folder
 from PIL import Image
 
+from benchmarks.files.photographs import (
+    LENGTH_M,
+    SCALE_M,
+    camera,
+    draw,
+    photograph,
+    save,
+    write_folder,
+)
 from twosra_mpc import InputError
 from twosra_mpc.lab.figures.curvature_figure import plot_curvature
 from twosra_mpc.lab.photographs.arc import Arc, fit_arc

@@ -106,8 +106,8 @@ def folder(proved: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 
 
 def load_briefly(asked: str, **overrides: Any) -> Problem:
-    """Load a scenario for which the first good plan will do."""
-    return load_problem(asked, **{"work_limit": 4500.0, "gap": 0.2, **overrides})
+    """Load a scenario for which the first plan will do."""
+    return load_problem(asked, **{"work_limit": 4500.0, "gap": 0.9, **overrides})
 
 
 def blank(_: Plan, path: Path | None = None) -> Figure:

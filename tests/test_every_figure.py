@@ -88,7 +88,7 @@ def drawn_words(figure: Figure) -> list[tuple[str, Bbox]]:
 
     figure.draw_without_rendering()  # puts everything in its place
     with patch.object(Text, "draw", noted):
-        figure.canvas.draw()
+        figure.draw_without_rendering()
     return [(words.get_text(), box) for words, box in found.items()]
 
 

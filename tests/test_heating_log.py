@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from heating import AIR_C, true_history, write_log
 
+from benchmarks.files.heating import AIR_C, true_history, write_log
 from twosra_mpc import InputError
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log, resample, runs
 

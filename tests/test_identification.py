@@ -12,10 +12,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from conftest import Run
-from heating import AIR_C, GAIN, TRUE, TrueHistory, true_history, write_log
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from benchmarks.files.heating import AIR_C, GAIN, TRUE, TrueHistory, true_history, write_log
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.files import locate
 from twosra_mpc.lab.commands import thermal_fit_command

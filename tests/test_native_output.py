@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
-from heating import true_history, write_log
+from forks import Forks
 from once import solved
-from photographs import write_folder
 from test_occupancy_map import write_map
 from test_replay import TRIAL, TRIAL_1
 
+from benchmarks.files.heating import true_history, write_log
+from benchmarks.files.photographs import write_folder
 from twosra_mpc import cli
 from twosra_mpc.native_output import discarded_native_output
 
@@ -57,31 +56,8 @@ QUICK: dict[str, tuple[str, int]] = {
 QUIET = ("plan", "schema")
 
 
-# The program once for each line of standard input, in a fork that has imported everything.
-FORKS = """
-import importlib, json, os, shlex, sys
-from matplotlib import pyplot
-from twosra_mpc import __main__, cli, execution, planning, plotting, report
-modules = sorted({*cli._MODULES.values()})
-for module in modules:
-    importlib.import_module(f"twosra_mpc.{module}")
-codes = {}
-for line in sys.stdin:
-    name, *sys.argv[1:] = shlex.split(line)
-    if (child := os.fork()) == 0:
-        for stream in (1, 2):
-            os.dup2(os.open(f"{name}.{stream}", os.O_CREAT | os.O_WRONLY), stream)
-        sys.argv[0] = "twosra"
-        sys.exit(__main__.main())
-    codes[name] = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-print(json.dumps(codes))
-"""
-
-
-def ran(*command: str, given: str = "") -> tuple[int, str, str]:
-    done = subprocess.run(
-        command, input=given, capture_output=True, text=True, timeout=120, check=False
-    )
+def ran(*command: str) -> tuple[int, str, str]:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -97,21 +73,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def every(folder: Path) -> Callable[[str], tuple[int, str, str]]:
-    """Exit code, output and errors of each command with --json, and of some with -q."""
-    lines = [f"{name} {name} {given} --json\n" for name, (given, _) in QUICK.items()]
-    lines += [f"{name}-quiet {name} {QUICK[name][0]} -q\n" for name in QUIET]
-    with contextlib.chdir(folder):
-        code, out, err = ran(sys.executable, "-c", FORKS, given="".join(lines))
-    assert (code, err) == (0, "")
-    codes = json.loads(out)  # and nothing else: what is imported is quiet
-    return lambda name: (
-        codes[name],
-        *((folder / f"{name}.{stream}").read_text(encoding="utf-8") for stream in (1, 2)),
-    )
-
-
 def test_no_command_that_has_json_is_forgotten() -> None:
     context = click.Context(cli.commands)
     found = {name: cli.commands.get_command(context, name) for name in cli._MODULES}
@@ -121,10 +82,12 @@ def test_no_command_that_has_json_is_forgotten() -> None:
 
 @pytest.mark.parametrize("name", QUICK)
 def test_standard_output_is_one_json_document_and_standard_error_is_ours(
-    name: str, every: Callable[[str], tuple[int, str, str]]
+    name: str, forks: Forks, folder: Path
 ) -> None:
-    code, out, err = every(name)
-    assert code == QUICK[name][1], err
+    given, code = QUICK[name]
+    done = forks.run(name, *given.split(), "--json", folder=folder)
+    out, err = done.stdout.decode(), done.stderr.decode()
+    assert done.returncode == code, err
     if code == 0:
         json.loads(out)
         assert err == ""
@@ -135,8 +98,9 @@ def test_standard_output_is_one_json_document_and_standard_error_is_ours(
 
 
 @pytest.mark.parametrize("name", QUIET)
-def test_quiet_is_quiet(name: str, every: Callable[[str], tuple[int, str, str]]) -> None:
-    assert every(f"{name}-quiet") == (0, "", "")
+def test_quiet_is_quiet(name: str, forks: Forks, folder: Path) -> None:
+    done = forks.run(name, *QUICK[name][0].split(), "-q", folder=folder)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
 
 # A library that prints as compiled code does, from the middle of a command to the process's end.

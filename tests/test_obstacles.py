@@ -120,19 +120,19 @@ def test_a_mirrored_scene_has_a_mirrored_plan() -> None:
 @pytest.mark.parametrize("bends", [[0.0, 0.0], [20.0, 0.0]])
 def test_an_obstacle_far_away_costs_nothing(bends: list[float]) -> None:
     goal = {**RIGHT, "kappa_per_m": bends}
-    far, free = plan(problem(FAR, goal=goal)), plan(problem(goal=goal))
+    far, free = solution(problem(FAR, goal=goal)), solution(problem(goal=goal))
     assert far.require().cost.total == pytest.approx(free.require().cost.total, rel=0.01)
     assert far.lower_bound == pytest.approx(free.lower_bound, rel=0.01)
 
 
 def test_a_drive_around_a_post_is_longer_than_through_it() -> None:
-    made, free = plan(problem(POST)).require(), plan(problem()).require()
-    assert blocks(plan(problem(POST))) == 0
-    assert free.cost.total < made.cost.total < 60
+    made, free = solution(problem(POST)), solution(problem()).require()
+    assert blocks(made) == 0
+    assert free.cost.total < made.require().cost.total < 60
 
 
 def test_more_obstacles_never_make_it_proved_cheaper() -> None:
-    few, many = (plan(problem(*some)) for some in ([FAR], [FAR, POST]))
+    few, many = (solution(problem(*some)) for some in ([FAR], [FAR, POST]))
     assert (many.lower_bound or 0) >= (few.lower_bound or 0) - 1e-9
     assert many.require().cost.total >= (few.lower_bound or 0)
 

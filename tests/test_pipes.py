@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import pytest
 from conftest import Run
+from forks import Forks
 from once import solved
 
+PLAN = "twosra-plan"
 SCENARIO = {
     "robot": "2sra-v1",
     "start": {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]},
@@ -27,11 +27,6 @@ def fifo(folder: Path, name: str, text: str) -> Path:
     os.mkfifo(path)
     threading.Thread(target=path.write_text, args=(text,), daemon=True).start()
     return path
-
-
-def program(*arguments: object, given: str = "") -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "twosra_mpc", *map(str, arguments)]
-    return subprocess.run(command, input=given, capture_output=True, text=True, check=True)
 
 
 def test_a_scenario_its_robot_and_its_obstacles_come_out_of_pipes(
@@ -56,13 +51,14 @@ def test_a_plan_comes_out_of_a_pipe(run_as_is: Run, tmp_path: Path) -> None:
         assert run_as_is(command[0], pipe, *command[1:]).code == 0
 
 
-def test_the_program_writes_into_its_own_streams(tmp_path: Path) -> None:
+def test_the_program_writes_into_its_own_streams(forks: Forks, tmp_path: Path) -> None:
     """Descriptor 1 leads elsewhere by then, for libraries write to it; a link is followed."""
-    out = program("plan", "/dev/stdin", "-q", "--out", "/dev/stdout", given=json.dumps(SCENARIO))
-    assert json.loads(out.stdout)["format"] == "twosra-plan"
+    words = ("plan", "/dev/stdin", "-q", "--out", "/dev/stdout")
+    assert json.loads(forks.run(*words, given=json.dumps(SCENARIO)).stdout)["format"] == PLAN
     link = tmp_path / "link.csv"
     link.symlink_to("/dev/stderr")
-    assert program("plan", "rigid-move", "-q", "--csv", link).stderr.startswith("t_s,mode1")
+    done = forks.run("plan", "rigid-move", "-q", "--csv", link)
+    assert done.stderr.startswith(b"t_s,mode1")
 
 
 def test_a_pipe_is_written_to(run_as_is: Run, tmp_path: Path) -> None:
@@ -73,7 +69,7 @@ def test_a_pipe_is_written_to(run_as_is: Run, tmp_path: Path) -> None:
     reader.start()
     assert run_as_is("resample", tmp_path / "plan.json", "out.pipe", "--rate", "2").code == 0
     reader.join(timeout=30)
-    assert json.loads(got[0])["format"] == "twosra-plan"
+    assert json.loads(got[0])["format"] == PLAN
 
 
 @pytest.mark.parametrize(
@@ -86,24 +82,21 @@ def test_a_pipe_is_written_to(run_as_is: Run, tmp_path: Path) -> None:
         (b'{"format": "twosra-plan"', ("resample", "-", "-", "--rate", "2")),
     ],
 )
-def test_a_pipe_has_no_ending_and_a_dash_is_one(begins: bytes, arguments: tuple[str, ...]) -> None:
+def test_a_pipe_has_no_ending_and_a_dash_is_one(
+    begins: bytes, arguments: tuple[str, ...], forks: Forks
+) -> None:
     """What is written into it is of the usual format, and nothing else."""
     of_plan = arguments[0] != "plan"
     given = solved("rigid-move").to_dict() if of_plan else SCENARIO
-    command = [sys.executable, "-m", "twosra_mpc", *arguments]
-    done = subprocess.run(command, input=json.dumps(given).encode(), capture_output=True)
+    done = forks.run(*arguments, given=json.dumps(given))
     assert done.stdout.startswith(begins), done.stderr
 
 
-def test_a_file_that_is_redirected_is_as_good_as_a_pipe(tmp_path: Path) -> None:
+def test_a_file_that_is_redirected_is_as_good_as_a_pipe(forks: Forks, tmp_path: Path) -> None:
     """It has no ending; what it holds says what it is."""
     solved("rigid-move").save(tmp_path / "plan.json")
     for command in ("plan", "verify"):
-        with (tmp_path / "plan.json").open() as given:
-            done = subprocess.run(
-                [sys.executable, "-m", "twosra_mpc", command, "-", "-q"], stdin=given
-            )
-        assert done.returncode == 0
+        assert forks.run(command, "-", "-q", given=tmp_path / "plan.json").returncode == 0
 
 
 def test_a_stream_is_written_by_one_output(run_as_is: Run) -> None:
@@ -111,13 +104,14 @@ def test_a_stream_is_written_by_one_output(run_as_is: Run) -> None:
     assert (code, "another file for each thing" in err) == (2, True)
 
 
-def test_a_file_on_standard_output_is_alone_there() -> None:
+def test_a_file_on_standard_output_is_alone_there(forks: Forks) -> None:
     """No tables, no JSON of the command's own; so one command's output is the next one's input."""
-    scenario = program("new", "scenario", "-").stdout
+    scenario = forks.run("new", "scenario", "-").stdout
     for more in ((), ("--json",)):
-        plan = program("plan", "-", "--out", "-", *more, given=scenario).stdout
-        assert json.loads(plan)["format"] == "twosra-plan"
-    assert program("resample", "-", "-", "--rate", "1", given=plan).stdout.startswith('{"format"')
+        plan = forks.run("plan", "-", "--out", "-", *more, given=scenario).stdout
+        assert json.loads(plan)["format"] == PLAN
+    done = forks.run("resample", "-", "-", "--rate", "1", given=plan)
+    assert done.stdout.startswith(b'{"format"')
 
 
 @pytest.mark.parametrize("output", ["plan.json", "link.json"])

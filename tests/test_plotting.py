@@ -16,12 +16,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import same_color, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.transforms import Bbox
 from once import planned
+from test_every_figure import drawn_words
 
 from twosra_mpc import InputError, load_problem, load_robot, plotting
 from twosra_mpc.files import data_file
@@ -166,30 +164,15 @@ def test_an_outline_is_the_robot_dashed() -> None:
 @pytest.mark.parametrize(("name", "planner"), PLANS)
 def test_labels_carry_units_and_do_not_overlap(name: str, planner: str) -> None:
     figure = drawn(name, planner)
-    figure.canvas.draw()
     labels = [ax.get_ylabel() for ax in figure.axes[-TIMELINE:][1:]]
     labels += [figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()]
     assert all("[" in label for label in [*labels, figure.axes[-1].get_xlabel()])
-    for first, second in combinations(visible_texts(figure), 2):
+    words, inside = drawn_words(figure), figure.bbox.padded(1.0)
+    for first, second in combinations(words, 2):
         assert not first[1].overlaps(second[1]), (first, second)
-    inside = figure.bbox.padded(1.0)
-    for text, box in visible_texts(figure):
+    for text, box in words:
         assert inside.containsx(box.x0), text
         assert inside.containsx(box.x1), text
-
-
-def visible_texts(figure: Figure) -> list[tuple[str, Bbox]]:
-    """Texts and their places, without ticks outside the axes."""
-    assert isinstance(figure.canvas, FigureCanvasAgg)
-    hidden = set()
-    for ax in figure.axes:
-        for axis, limits in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
-            for tick in axis.get_major_ticks():
-                if not min(limits) <= tick.get_loc() <= max(limits):
-                    hidden |= {tick.label1, tick.label2}
-    texts = [text for text in figure.findobj(Text) if text.get_visible() and text not in hidden]
-    renderer = figure.canvas.get_renderer()
-    return [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t.get_text().strip()]
 
 
 @pytest.mark.parametrize(("name", "planner"), PLANS)

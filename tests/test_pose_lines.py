@@ -166,6 +166,8 @@ def test_lines_of_poses_close_the_loop_and_bad_ones_among_them_change_nothing(
     assert run.ending is Ending.REACHED
     assert firmware.poses.refused > 100
     assert run.accuracy.of(plan.problem.goal.error(firmware.q.copy())) <= 1.0
+    assert run.transitions == plan.cost.transitions
+    assert {item.truly_soft for item in firmware.moves} <= {phase.mode for phase in plan.phases}
     assert_off(firmware)
     again = load_run(tmp_path / "r.json")
     assert (again.ending, again.reason, again.executor) == (run.ending, run.reason, "optimal")

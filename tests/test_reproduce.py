@@ -18,11 +18,11 @@ from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
-from photographs import LENGTH_M, SCALE_M, camera, write_folder
 from test_cli_output import examples
 from test_docs import few_runs
 from test_report import Page
 
+from benchmarks.files.photographs import LENGTH_M, SCALE_M, camera, write_folder
 from twosra_mpc import effort, load_problem
 from twosra_mpc.lab.paper import (
     Claim,

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
-from photographs import camera, write_folder
 from test_reproduce import CURVATURES, TRIAL, write_log
 
+from benchmarks.files.photographs import camera, write_folder
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_spread, plot_trials
 from twosra_mpc.lab.identification.motion_log import read_motion_log
 from twosra_mpc.lab.paper.trials import DTW

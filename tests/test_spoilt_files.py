@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from attack.mutations import MUTATIONS
-from attack.spoilt_files import KINDS, attacked
 from PIL import Image
 
+from benchmarks.files.mutations import MUTATIONS
+from benchmarks.files.spoilt import KINDS, attacked
 from twosra_mpc import InputError, files, load_problem, load_robot
 from twosra_mpc.checking.plan_file import load_plan
 from twosra_mpc.cli import main, planning

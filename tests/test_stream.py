@@ -27,21 +27,22 @@ from twosra_mpc.lab.serial.stream import Confirm, StreamError, StreamState, stre
 from twosra_mpc.robot.modes import Mode
 
 RATE_HZ, SLOW_HZ = 15.0, 5.0
+SILENT: Callable[[float, int, float], bytes] = lambda _t, _j, _temperature: b""  # noqa: E731
 # Metal that may take four times as long to melt: readings of 61 C contradict no heat for a while.
 LONG_MELTS = ROBOT.with_values(
     segment=ROBOT.segment.with_values(ranges={**ROBOT.segment.ranges, "latent_J": (131.0, 600.0)})
 )
-Connected = Callable[..., SimulatedFirmware]
 
 
-@pytest.fixture
-def connect() -> Connected:
-    """Make simulated firmware."""
-    return SimulatedFirmware
+def send(
+    plan: Plan, firmware: SimulatedFirmware, rate_Hz: float = SLOW_HZ, **options: object
+) -> tuple[Drive, ...]:
+    return stream(plan, firmware.port, firmware, rate_Hz=rate_Hz, **options).drives  # type: ignore[arg-type]
 
 
-def send(plan: Plan, firmware: SimulatedFirmware, **options: object) -> tuple[Drive, ...]:
-    return stream(plan, firmware.port, firmware, **options).drives  # type: ignore[arg-type]
+def reporting(plan: Plan, shown_C: Callable[[float, float], float]) -> SimulatedFirmware:
+    """Firmware that shows something else than its time and temperature would have it show."""
+    return SimulatedFirmware(plan, lambda t, j, T: b"%c%.1f\n" % (65 + j, shown_C(t, T)))
 
 
 def regulating(robot: Robot) -> Robot:
@@ -49,7 +50,7 @@ def regulating(robot: Robot) -> Robot:
     return robot.with_values(heater=robot.heater.with_values(hold_duty=1.0))
 
 
-def commands_of(plan: Plan, rate_Hz: float = RATE_HZ) -> list[tuple[Mode, WheelCommand]]:
+def commands_of(plan: Plan, rate_Hz: float = SLOW_HZ) -> list[tuple[Mode, WheelCommand]]:
     """Every wheel command of a plan, with the mode it needs."""
     return [
         (phase.mode, order)
@@ -96,12 +97,12 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 
 @pytest.mark.parametrize("scenario", ["paper-2", "three-segments"])
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
-    connect: Connected, scenario: str
+    scenario: str,
 ) -> None:
     plan = planned(scenario, robot=regulating(load_problem(scenario).robot))
-    firmware = connect(plan)
-    drives = send(plan, firmware, confirm=Confirm.REQUIRED)
-    expected = commands_of(plan)
+    firmware = SimulatedFirmware(plan)
+    drives = send(plan, firmware, RATE_HZ, confirm=Confirm.REQUIRED)
+    expected = commands_of(plan, RATE_HZ)
     assert [move.truly_soft for move in firmware.moves] == [mode for mode, _ in expected]
     np.testing.assert_allclose(
         [move.wheel_rad_s for move in firmware.moves],
@@ -113,10 +114,10 @@ def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
     assert_off(firmware)
 
 
-def test_without_reports_everything_happens_at_the_plans_times(connect: Connected) -> None:
+def test_without_reports_everything_happens_at_the_plans_times() -> None:
     plan = planned("paper-2", transition_quantile=0.9)
-    firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
-    drives = send(plan, firmware, confirm=Confirm.NEVER)
+    firmware = SimulatedFirmware(plan, SILENT)
+    drives = send(plan, firmware, RATE_HZ, confirm=Confirm.NEVER)
     begun_s = drives[0].start_s - plan.phases[0].start_s
     for drive, phase in zip(drives, plan.phases, strict=True):
         assert abs(drive.start_s - begun_s - phase.start_s) < 0.2
@@ -136,18 +137,17 @@ def test_without_reports_everything_happens_at_the_plans_times(connect: Connecte
 @pytest.mark.parametrize("confirm", Confirm)
 @pytest.mark.parametrize(("robot", "bend"), [("2sra-v1", 30.0), ("2sr-v2", 10.0)])
 def test_firmware_that_does_not_regulate_melts_what_must_be_soft_and_overheats_nothing(
-    connect: Connected, confirm: Confirm, robot: str, bend: float
+    confirm: Confirm, robot: str, bend: float
 ) -> None:
     asked: dict[str, object] = {"goal": {"kappa_per_m": [bend, 0.0]}, "robot": robot}
     if confirm is Confirm.NEVER:
         asked["transition_quantile"] = 0.9
     plan = find_plan(load_problem("shape-change", **asked)).require()
-    numbers, silent = int(robot == "2sr-v2"), lambda _t, _j, _temperature: b""
-    firmware = connect(plan, regulates=False, numbers=numbers)
+    firmware = SimulatedFirmware(plan, regulates=False, numbers=int(robot == "2sr-v2"))
     if confirm is Confirm.NEVER:
-        firmware.reports = silent
-    send(plan, firmware, confirm=confirm, rate_Hz=SLOW_HZ)
-    modes = [mode for mode, _ in commands_of(plan, SLOW_HZ)]
+        firmware.reports = SILENT
+    send(plan, firmware, confirm=confirm)
+    modes = [mode for mode, _ in commands_of(plan)]
     assert [move.truly_soft for move in firmware.moves] == modes
     soft_C = plan.robot.heater.soft_setpoint_C
     assert soft_C - 4.0 < firmware.hottest_C < soft_C + (3.0 if confirm is Confirm.NEVER else 15.0)
@@ -177,15 +177,13 @@ def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports() -> No
     assert not port.tries
 
 
-def test_reports_that_do_not_change_are_reports(connect: Connected) -> None:
+def test_reports_that_do_not_change_are_reports() -> None:
     plan = planned("rigid-move")
-    firmware = connect(plan, reports=lambda _t, j, _temperature: b"%c24.9\n" % (65 + j))
+    firmware = SimulatedFirmware(plan, reports=lambda _t, j, _temperature: b"%c24.9\n" % (65 + j))
     assert send(plan, firmware, patience=Patience(silent_s=1.0))
 
 
-def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing(
-    connect: Connected,
-) -> None:
+def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing() -> None:
     plan, lines = planned("paper-2"), iter(range(10**6))
 
     def noisy(_time_s: float, segment: int, temperature_C: float) -> bytes:
@@ -197,45 +195,25 @@ def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing
         rubbish = [b"", b"\xff\xfe\n", b"Anan\n", b"B1e9\nA\n", b"ready\r\n\n"][number % 5]
         return rubbish + b"%c%.2f\r\n" % (name, temperature_C)
 
-    firmware = connect(plan, reports=noisy)
-    send(plan, firmware, confirm=Confirm.REQUIRED, rate_Hz=SLOW_HZ)
-    modes = [mode for mode, _ in commands_of(plan, SLOW_HZ)]
+    firmware = SimulatedFirmware(plan, reports=noisy)
+    send(plan, firmware, confirm=Confirm.REQUIRED)
+    modes = [mode for mode, _ in commands_of(plan)]
     assert [move.truly_soft for move in firmware.moves] == modes
     assert_off(firmware)
 
 
-def test_a_slow_computer_does_not_turn_the_wheels_further(connect: Connected) -> None:
-    plan = planned("paper-2")
-    firmware = connect(plan)
+def test_a_slow_computer_turns_the_wheels_no_further_and_tells_its_state_in_words() -> None:
+    plan, states = planned("paper-2"), list[StreamState]()
+    firmware = SimulatedFirmware(plan)
 
-    def dawdle(_state: StreamState) -> None:
+    def dawdle(state: StreamState) -> None:
         firmware.sleep(0.01)
+        states.append(state)
 
     drives = send(plan, firmware, on_state=dawdle)
     for drive, phase in zip(drives, plan.phases, strict=True):
-        periods = len(wheel_commands(plan.trajectory, phase, RATE_HZ))
-        assert abs(drive.end_s - drive.start_s - periods / RATE_HZ) < 1e-3
-
-
-def test_the_number_of_the_robot_ends_each_command(connect: Connected) -> None:
-    plan = planned("rigid-move", robot=ROBOT.with_values(robot_id=12))
-    firmware = connect(plan, numbers=1)
-    send(plan, firmware)
-    assert {item.tail for item in firmware.received} == {(12,)}
-    assert_off(firmware)
-
-
-def test_a_standing_robot_is_told_again_once_a_second(connect: Connected) -> None:
-    plan = planned("paper-2", transition_quantile=0.9)
-    firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
-    send(plan, firmware, confirm=Confirm.NEVER, rate_Hz=SLOW_HZ)
-    times = [item.time_s for item in firmware.received]
-    assert 0.9 < np.diff(times).max() < 1.1  # the keep-alive: at most 1.3 s
-
-
-def test_the_state_is_told_in_words(connect: Connected) -> None:
-    plan, states = planned("paper-2"), list[StreamState]()
-    send(plan, connect(plan), on_state=states.append, rate_Hz=SLOW_HZ)
+        periods = len(wheel_commands(plan.trajectory, phase, SLOW_HZ))
+        assert abs(drive.end_s - drive.start_s - periods / SLOW_HZ) < 1e-3
     told = list(dict.fromkeys(state.during for state in states))
     assert told == [
         "listening for temperatures",
@@ -247,6 +225,22 @@ def test_the_state_is_told_in_words(connect: Connected) -> None:
     assert any("segment 1 changing at 5" in state.known for state in states)
 
 
+def test_the_number_of_the_robot_ends_each_command() -> None:
+    plan = planned("rigid-move", robot=ROBOT.with_values(robot_id=12))
+    firmware = SimulatedFirmware(plan, numbers=1)
+    send(plan, firmware)
+    assert {item.tail for item in firmware.received} == {(12,)}
+    assert_off(firmware)
+
+
+def test_a_standing_robot_is_told_again_once_a_second() -> None:
+    plan = planned("paper-2", transition_quantile=0.9)
+    firmware = SimulatedFirmware(plan, SILENT)
+    send(plan, firmware, confirm=Confirm.NEVER)
+    times = [item.time_s for item in firmware.received]
+    assert 0.9 < np.diff(times).max() < 1.1  # the keep-alive: at most 1.3 s
+
+
 # --- other endings -------------------------------------------------------------------------------
 
 
@@ -255,10 +249,10 @@ def test_the_state_is_told_in_words(connect: Connected) -> None:
 )
 @pytest.mark.parametrize("when_s", [0.4, 2.0, 40.0])
 def test_a_signal_stops_the_robot_however_often_it_comes(
-    connect: Connected, number: signal.Signals, when_s: float
+    number: signal.Signals, when_s: float
 ) -> None:
     plan, before = planned("paper-2"), signal.getsignal(number)
-    firmware = connect(plan)
+    firmware = SimulatedFirmware(plan)
     for again_s in (0.0, 0.02, 0.1, 0.2, 0.27):
         firmware.at[when_s + again_s] = lambda: os.kill(os.getpid(), number)
     with pytest.raises(KeyboardInterrupt):
@@ -268,9 +262,9 @@ def test_a_signal_stops_the_robot_however_often_it_comes(
     assert signal.getsignal(number) == before
 
 
-def test_an_error_of_the_caller_stops_the_robot(connect: Connected) -> None:
+def test_an_error_of_the_caller_stops_the_robot() -> None:
     plan = planned("paper-2")
-    firmware = connect(plan)
+    firmware = SimulatedFirmware(plan)
 
     def fail(state: StreamState) -> None:
         if state.time_s > 30:
@@ -282,13 +276,13 @@ def test_an_error_of_the_caller_stops_the_robot(connect: Connected) -> None:
 
 
 @pytest.mark.parametrize("rubbish", [b"", b"~\x00\n"])
-def test_firmware_that_falls_silent_is_an_error(connect: Connected, rubbish: bytes) -> None:
+def test_firmware_that_falls_silent_is_an_error(rubbish: bytes) -> None:
     plan = planned("paper-2")
 
     def until_30(time_s: float, segment: int, temperature_C: float) -> bytes:
         return b"%c%.2f\n" % (65 + segment, temperature_C) if time_s < 30 else rubbish
 
-    firmware = connect(plan, reports=until_30)
+    firmware = SimulatedFirmware(plan, reports=until_30)
     words = r"waiting for phase 2 of 2 \[1,0\]: segment 1: no readable temperature report for 5 s"
     with pytest.raises(StreamError, match=words):
         send(plan, firmware)
@@ -296,69 +290,62 @@ def test_firmware_that_falls_silent_is_an_error(connect: Connected, rubbish: byt
     assert_off(firmware)
 
 
-def test_one_segment_that_does_not_report_is_an_error(connect: Connected) -> None:
+def test_one_segment_that_does_not_report_is_an_error() -> None:
     plan = planned("paper-2")
-    firmware = connect(plan, reports=lambda _t, j, T: b"A%.1f\n" % T if j == 0 else b"")
+    firmware = SimulatedFirmware(plan, reports=lambda _t, j, T: b"A%.1f\n" % T if j == 0 else b"")
     with pytest.raises(StreamError, match="segment 2 does not report"):
         send(plan, firmware)
     assert not firmware.moves
     assert_off(firmware)
 
 
-def test_required_reports_that_do_not_come_are_an_error(connect: Connected) -> None:
+def test_required_reports_that_do_not_come_are_an_error() -> None:
     plan = planned("paper-2")
-    firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
+    firmware = SimulatedFirmware(plan, SILENT)
     with pytest.raises(StreamError, match="no temperature report within 5 s"):
         send(plan, firmware, confirm=Confirm.REQUIRED)
     assert not firmware.moves
     assert_off(firmware)
 
 
-def test_a_heater_that_does_not_heat_is_an_error(connect: Connected) -> None:
+def test_a_heater_that_does_not_heat_is_an_error() -> None:
     plan = planned("paper-2")
-    firmware = connect(plan, broken_heaters=(0,))
+    firmware = SimulatedFirmware(plan, broken_heaters=(0,))
     with pytest.raises(StreamError, match="segment 1: heating does not warm it"):
         send(plan, firmware)
     assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
     assert_off(firmware)
 
 
-def test_a_segment_that_is_too_hot_is_an_error(connect: Connected) -> None:
+def test_a_segment_that_is_too_hot_is_an_error() -> None:
     plan = planned("paper-2")
-    firmware = connect(plan, reports=lambda t, j, T: b"%c%.1f\n" % (65 + j, T if t < 50 else 90))
+    firmware = SimulatedFirmware(
+        plan, reports=lambda t, j, T: b"%c%.1f\n" % (65 + j, T if t < 50 else 90)
+    )
     with pytest.raises(StreamError, match="segment 1: too hot, 90"):
         send(plan, firmware)
     assert_off(firmware)
 
 
-def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(connect: Connected) -> None:
+@pytest.mark.parametrize("late", [1.5, 2.5])  # by default 3, and its sensor is found to lie before
+def test_a_mode_is_waited_for_as_long_as_the_patience_says(late: float) -> None:
     plan = planned("paper-2", robot=LONG_MELTS)
-    firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
-    with pytest.raises(
-        StreamError,
-        match=r"segment 1 changing at 61\.0 C, not soft after 15\d s, planned were 63 s",
-    ):  # by default it is waited for three times as long, and its sensor found to lie before
-        send(plan, firmware, rate_Hz=SLOW_HZ, patience=Patience(late=2.5))
-    assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
-    assert_off(firmware)
-
-
-@pytest.mark.parametrize("late", [1.5, 2.5])
-def test_a_mode_is_waited_for_as_long_as_the_patience_says(connect: Connected, late: float) -> None:
-    plan = planned("paper-2", robot=LONG_MELTS)
-    firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
-    with pytest.raises(StreamError, match="segment 1 changing") as caught:
-        send(plan, firmware, rate_Hz=SLOW_HZ, patience=Patience(late=late))
+    firmware = reporting(plan, lambda _t, T: min(T, 61.0))
+    words = r"segment 1 changing at 61\.0 C, not soft after \d+ s, planned were 63 s"
+    with pytest.raises(StreamError, match=words) as caught:
+        send(plan, firmware, patience=Patience(late=late))
     melt = plan.transitions[0]
     heated_s = next(item.time_s for item in firmware.received if item.heated == (1, 0))
     waited_s = caught.value.time_s - heated_s
     assert waited_s == pytest.approx(late * (melt.done_s - melt.heater_s), abs=2.0)
+    assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
+    assert_off(firmware)
 
 
-def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(connect: Connected) -> None:
+def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs() -> None:
     limits = ROBOT.limits.with_values(unit_speed_m_s=0.003)
     plan = planned("paper-2", robot=regulating(ROBOT.with_values(limits=limits)))
-    firmware = connect(plan)
+    firmware = SimulatedFirmware(plan)
     first = len(wheel_commands(plan.trajectory, plan.phases[0], SLOW_HZ))
     lost: list[float] = []
     lasts_s = 1.5  # a sensor that jumps for longer has failed
@@ -371,12 +358,12 @@ def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(connect: Co
         return b"%c%.2f\n" % (65 + segment, temperature_C)
 
     firmware.reports = cold
-    send(plan, firmware, rate_Hz=SLOW_HZ)
+    send(plan, firmware)
     times = np.array([move.time_s for move in firmware.moves[first:]])
     gap = int(np.argmax(np.diff(times)))
     assert lost[0] < times[gap] < lost[0] + 1.5
     assert lost[0] + lasts_s < times[gap + 1] < lost[0] + lasts_s + 10
-    assert len(firmware.moves) == len(commands_of(plan, SLOW_HZ))
+    assert len(firmware.moves) == len(commands_of(plan))
     assert_off(firmware)
 
 
@@ -385,10 +372,10 @@ def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(connect: Co
     [(0.4, "before the plan began"), (2.0, "in phase 1 of 2"), (30.0, "waiting for phase 2 of 2")],
 )
 def test_a_dead_line_is_an_error_that_tells_when_and_to_switch_off(
-    connect: Connected, when_s: float, during: str
+    when_s: float, during: str
 ) -> None:
     plan = planned("paper-2")
-    firmware = connect(plan)
+    firmware = SimulatedFirmware(plan)
     firmware.at[when_s] = firmware.die
     with pytest.raises(StreamError, match="could NOT be told to stop: switch it off") as caught:
         send(plan, firmware)
@@ -454,12 +441,12 @@ def test_outside_of_the_main_thread_signals_are_left_alone() -> None:
     assert port.sent[-STOPS:] == [stop_command(2)] * STOPS
 
 
-def test_a_computer_that_is_held_up_while_driving_is_an_error(connect: Connected) -> None:
+def test_a_computer_that_is_held_up_while_driving_is_an_error() -> None:
     plan = planned("paper-2")
-    firmware = connect(plan)
+    firmware = SimulatedFirmware(plan)
     firmware.at[2.0] = lambda: firmware.sleep(3.0)
     with pytest.raises(StreamError, match=r"held up for 3\.\d s with turning wheels"):
-        send(plan, firmware)
+        send(plan, firmware, RATE_HZ)
     assert_off(firmware)
 
 

@@ -578,16 +578,16 @@ def test_many_steps_whatever_is_measured() -> None:
             assert tracker.last_command is command
             statuses.add(command.status)
 
-    run(300)
+    run(200)
     gc.collect()
     resident = resident_bytes()
-    run(900)
+    run(500)
     assert resident_bytes() - resident < 1_200_000
     tracemalloc.start()
-    run(100)
+    run(50)
     gc.collect()
     traced, _ = tracemalloc.get_traced_memory()
-    run(400)
+    run(150)
     gc.collect()
     assert tracemalloc.get_traced_memory()[0] - traced < 9_000
     tracemalloc.stop()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from twosra_mpc.robot.description import load_robot, segment_model
@@ -56,22 +55,6 @@ def heating(model: TwoNode, current_A: float) -> float:
 
 
 # --- the differential equation -------------------------------------------------------------------
-
-
-@given(MODELS, STATES, CURRENTS_A, DURATIONS_S)
-@settings(max_examples=50)
-def test_propagation_solves_the_equation(
-    model: TwoNode, state: tuple[float, float], current_A: float, duration_s: float
-) -> None:
-    rates, forced = matrix(model)[:2], np.array([heating(model, current_A), 0.0])
-
-    def derivative(_: float, y: np.ndarray) -> np.ndarray:
-        return rates @ [*y, 1.0] + forced
-
-    numbers = {"rtol": 1e-11, "atol": 1e-10}
-    done = solve_ivp(derivative, (0.0, duration_s), state, "DOP853", **numbers)
-    reached = model.propagate(state, current_A, duration_s)
-    assert reached == pytest.approx(done.y[:, -1], rel=1e-6)
 
 
 @given(MODELS, STATES, CURRENTS_A, DURATIONS_S)

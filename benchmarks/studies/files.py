@@ -1,24 +1,14 @@
 """Files spoilt, commands killed and interrupted: is it said what is wrong, and nothing left?
 
-What is attacked, and how, stands with the tests (`tests/attack`), which try a few of each.
+What is attacked, and how, stands in `benchmarks/files`; tests try a few of each.
 """
 
 from __future__ import annotations
 
-import importlib
-import sys
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from benchmarks.study import Count, Study
-
-_TESTS = str(Path(__file__).parents[2] / "tests")
-_WAYS = {  # module, function, names of what it attacks
-    "spoilt": ("attack.spoilt_files", "attacked", "KINDS"),
-    "killed": ("attack.stopped", "killed", "COMMANDS"),
-    "interrupted": ("attack.stopped", "interrupted", "COMMANDS"),
-}
 
 
 class Case(NamedTuple):
@@ -36,23 +26,30 @@ class Files(Study):
     """
 
     question: ClassVar = "Does the program say what is wrong with a file, and leave no half of one?"
-    measures: ClassVar = ("twosra_mpc", "tests")
+    measures: ClassVar = ("twosra_mpc", "benchmarks/files")
 
     count: Count = 1
 
     def cases(self) -> Iterator[Case]:
         """Yield the kinds of files, then the commands."""
-        for way, (module, _, names) in _WAYS.items():
-            yield from (Case(way, name) for name in getattr(_imported(module), names))
+        for way, (_, attacked) in _ways().items():
+            yield from (Case(way, name) for name in attacked)
 
     def run(self, case: Case) -> dict[str, Any]:
         """Attack; how often, and what went wrong."""
-        module, function, _ = _WAYS[case.way]
-        made = list(getattr(_imported(module), function)(case.name, range(self.count)))
+        attack, _ = _ways()[case.way]
+        made = list(attack(case.name, range(self.count)))
         return {"tried": len(made), "wrong": [list(each) for each in made if each is not None]}
 
 
-def _imported(module: str) -> Any:
-    if _TESTS not in sys.path:
-        sys.path.append(_TESTS)
-    return importlib.import_module(module)
+def _ways() -> dict[str, tuple[Callable[[str, range], Iterator[Any]], Mapping[str, Any]]]:
+    """Way -> its attack on a name with some seeds, and the names; imports all of the package."""
+    from benchmarks.files.kinds import KINDS
+    from benchmarks.files.spoilt import attacked
+    from benchmarks.files.stopped import COMMANDS, interrupted, killed
+
+    return {
+        "spoilt": (attacked, KINDS),
+        "killed": (killed, COMMANDS),
+        "interrupted": (interrupted, COMMANDS),
+    }

@@ -12,8 +12,8 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
 
-from attack.kinds import KINDS
-from attack.mutations import MUTATIONS
+from benchmarks.files.kinds import KINDS
+from benchmarks.files.mutations import MUTATIONS
 
 CODES = {0, 2, 3, 4}  # those of a program that knew what to do
 LONGEST_S = 5.0  # of CPU time that a command may take
@@ -71,4 +71,4 @@ def _wrong(program: Callable[[list[str]], object], arguments: tuple[str, ...]) -
 
 
 def _hangs(*_: object) -> None:
-    raise SystemExit(f"still at work after {LONGEST_S:g} s")
+    raise SystemExit(f"still at work after {LONGEST_S:zg} s")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 
 import pytest
-from attack.stopped import interrupted, killed
+
+from benchmarks.files.stopped import interrupted, killed
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks are killed")
 

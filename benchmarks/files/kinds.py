@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from heating import true_history, write_log
-from melts import made_up, write
-from photographs import LENGTH_M, SCALE_M, write_folder
 from PIL import Image
 
 import twosra_mpc
 from benchmarks.__main__ import main as benchmark
+from benchmarks.files.heating import true_history, write_log
+from benchmarks.files.melts import made_up, write
+from benchmarks.files.photographs import LENGTH_M, SCALE_M, write_folder
 from benchmarks.problems import FOLDER, read_set
 from benchmarks.run_log import NAME
 from twosra_mpc import InputError, load_problem, plan
@@ -173,7 +173,7 @@ _OBSTACLES = {
     ],
 }
 _AROUND = [(0.03 * np.cos(a), 0.03 * np.sin(a)) for a in np.arange(0, 6.2, 0.3)]
-_OUTLINE = "".join(f"{x:.5f},{y:.5f}\n" for x, y in _AROUND)
+_OUTLINE = "".join(f"{x:z.5f},{y:z.5f}\n" for x, y in _AROUND)
 _GRASP = """robot = "2sra-v1"
 tasks = [{ do = "grasp", object = "cup" }]
 start = { x_m = -0.1, y_m = -0.1, phi_rad = 0.0, kappa_per_m = [0.0, 0.0] }

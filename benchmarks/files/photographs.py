@@ -54,14 +54,17 @@ def draw(
 
 
 def camera(towards: tuple[float, float]) -> Camera:
+    """The camera of these pictures, which look at a robot from above."""
     return Camera(scale_m=SCALE_M, length_m=LENGTH_M, towards_px=towards)
 
 
 def photograph(grey: Array) -> Photograph:
+    """A picture of grey values (rows, columns)."""
     return Photograph(Path("drawn.png"), grey)
 
 
 def save(grey: Array, path: Path) -> Path:
+    """Write grey values as a picture."""
     Image.fromarray(grey.astype(np.uint8)).save(path)
     return path
 

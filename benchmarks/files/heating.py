@@ -101,6 +101,6 @@ def write_log(log: HeatingLog, path: Path) -> Path:
     """Write a log as its authors do, with a column that nobody reads."""
     lines = ["time_s,temp_C,command,mode"]
     for t, y, mode in zip(log.time_s, log.sensor_C, log.mode, strict=True):
-        lines.append(f"{t:.4f},{y:.4f},{int(mode != 'cooling')},{mode}")
+        lines.append(f"{t:z.4f},{y:z.4f},{int(mode != 'cooling')},{mode}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path

@@ -107,6 +107,7 @@ def of_both(powers: tuple[float, float]) -> tuple[Rows, Rows]:
 
 
 def write(rows: Rows, path: Path) -> Path:
+    """Write rows as a CSV file."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()

@@ -154,12 +154,12 @@ def _program(name: str, there: int, after_s: float, quiet_s: float = QUIET_S) ->
             except subprocess.TimeoutExpired:
                 program.kill()
                 program.communicate()
-                return f"still at work {quiet_s:g} s after the interrupt at {after_s:.3f} s"
+                return f"still at work {quiet_s:zg} s after the interrupt at {after_s:z.3f} s"
         code = program.returncode
         if code in _PYTHON and b"Traceback" in said and b"__main__.py" not in said:
             return None  # Python had not come to the program's first line
         if code not in INTERRUPTED | _BEST_SO_FAR or b"Traceback" in said:
-            return f"exit code {code}, interrupted at {after_s:.3f} s: {said.decode()[-500:]}"
+            return f"exit code {code}, interrupted at {after_s:z.3f} s: {said.decode()[-500:]}"
         return _left(name, there, out)
 
 
