@@ -204,7 +204,10 @@ class Driving:
         The pose in a rigid phase; in a soft one the mean of the bends alone: how far the units are
         dragged while they bend is not known, and a rigid drive corrects the pose.
         """
-        selection, turned = outputs_of(self.phase.mode).selection, difference.copy()
+        selection, turned = (
+            outputs_of(self.belief.problem.robot.body, self.phase.mode).selection,
+            difference.copy(),
+        )
         turned[2] = math.remainder(turned[2], math.tau)
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
