@@ -171,7 +171,7 @@ def kinematics(robot: Robot | Body) -> Kinematics:
 
 @per_body(8)
 def driven(body: Body, mode: Mode) -> ca.Function:
-    r"""q -> (N, D, U): the motions z (m,) that the wheels determine in a mode.
+    r"""Motions z (m,) that the wheels determine in a mode: q -> (N, D, U).
 
     q' = N z, the wheels turn at omega = D z, and the inputs v = U z belong to it. Rigid: z is the
     twist (u, v, r) of b0. Soft, with the exact wheel map: that twist and the mean rate of the soft

@@ -93,21 +93,3 @@ def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.S
         slide = drift[1] * bend
         moved[:POSE] += ca.vertcat(-ca.sin(q[2]) * slide, ca.cos(q[2]) * slide, drift[0] * bend)
     return moved
-
-
-@per_body()
-def dragged(body: Body) -> ca.Function:
-    """(q, bent, turned) -> pose of b0 once the wheels have turned and the curvatures have changed.
-
-    Its motion is the one with which the wheels slip least while the fibre bends by ``bent`` (n,)
-    [1/m], whatever bends it.
-    """
-    segments = body.geometry.segments
-    q, bent = ca.SX.sym("q", POSE + segments), ca.SX.sym("bent", segments)
-    turned = ca.SX.sym("turned", WHEELS)
-    drive = kinematics(body).wheel_map(q[POSE:] + bent / 2)
-    own, rest = drive[:, :POSE], turned - drive[:, POSE:] @ bent
-    twist = ca.inv_minor(own.T @ own) @ (own.T @ rest)
-    c, s = ca.cos(q[2] + twist[2] / 2), ca.sin(q[2] + twist[2] / 2)
-    shift = ca.vertcat(c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2])
-    return ca.Function("dragged", [q, bent, turned], [q[:POSE] + shift])

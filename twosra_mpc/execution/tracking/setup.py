@@ -56,15 +56,18 @@ class TrackerLimits(Value):
         deviation_m: Larger deviations of x and y are taken as this: the wheels run at their limit
             anyway, and the linearised limits hold near the plan.
         deviation_rad: The same for the heading.
-        deviation_soft_rad: The same in soft modes: a heading that a rigid drive can correct must
-            not use up the speed that is there for bending.
+        deviation_soft_m: The same in soft modes: a pose that a rigid drive can correct must not use
+            up the speed that is there for bending, nor hold the robot in a shape in which its
+            wheels cannot both keep the pose and bend.
+        deviation_soft_rad: The same for the heading.
         deviation_per_m: The same for a curvature.
     """
 
     wheel_rate_rad_s2: Positive = 100.0
     deviation_m: Positive = 0.05
     deviation_rad: Positive = 0.5
-    deviation_soft_rad: Positive = 0.1
+    deviation_soft_m: Positive = 0.003
+    deviation_soft_rad: Positive = 0.025
     deviation_per_m: Positive = 20.0
 
 
@@ -158,8 +161,10 @@ class Setup:
     def largest_deviation(self) -> Array:
         """Deviation of each output at which a prediction starts at most, (m,)."""
         limits = self.limits
-        turn_rad = limits.deviation_rad if is_rigid(self.mode) else limits.deviation_soft_rad
-        return self._of_outputs(limits.deviation_m, turn_rad, limits.deviation_per_m)
+        pose = limits.deviation_soft_m, limits.deviation_soft_rad
+        if is_rigid(self.mode):
+            pose = limits.deviation_m, limits.deviation_rad
+        return self._of_outputs(*pose, limits.deviation_per_m)
 
     def _of_outputs(self, position: float, heading: float, curvature: float) -> Array:
         each = self.coordinates.each(position, heading, curvature)

@@ -14,8 +14,9 @@ import numpy as np
 
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.model.rolling import dragged, rolled
-from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.rolling import rolled
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
@@ -130,28 +131,22 @@ def _phase(log: MotionLog, robot: Robot, rows: slice) -> PhaseReplay:
     predicted, bent = _within(robot, states(measured[0], done)), bend(measured)
     as_bent = None
     if soft and abs(bent[-1]) >= LEAST_BEND_RAD:
-        turned = done if log.by_wheels else _side_wheels(robot, done)
-        as_bent = _dragged(robot, measured, turned)
+        as_bent = _dragged(robot, mode, measured, done, log.by_wheels)
     return PhaseReplay(mode, time_s, measured, predicted, as_bent, bent, bend(predicted))
 
 
-def _side_wheels(robot: Robot, displacements: Array) -> Array:
-    """Turns of the wheels (rows, 4) for inputs of a soft mode, as the authors command them.
-
-    Paper, eq. config_matrix: side wheels alone turn.
-    """
-    turned = np.zeros((len(displacements), WHEELS))
-    turned[:, [0, 2]] = displacements[:, :2] * [1, -1] / robot.geometry.wheel_radius_m
-    return turned
-
-
-def _dragged(robot: Robot, measured: Array, turned: Array) -> Array:
+def _dragged(robot: Robot, mode: Mode, measured: Array, done: Array, by_wheels: bool) -> Array:
     """Configurations with the curvatures measured, b0 where the wheels slip least."""
-    states, step = measured.copy(), dragged(robot.body)
-    for row, (bent, turns) in enumerate(
-        zip(np.diff(measured[:, POSE:], axis=0), turned, strict=True)
-    ):
-        states[row + 1, :POSE] = step(states[row], bent, turns).full().ravel()
+    states, compiled = measured.copy(), kinematics(robot)
+    for row, bent in enumerate(np.diff(measured[:, POSE:], axis=0)):
+        here, told = states[row], done[row]
+        middle = np.concatenate([here[:POSE], here[POSE:] + bent / 2])
+        turned = told if by_wheels else compiled.wheel_matrix(middle, mode).full() @ told
+        wheels = compiled.wheel_map(middle[POSE:]).full()
+        u, v, turn = np.linalg.lstsq(wheels[:, :POSE], turned - wheels[:, POSE:] @ bent)[0]
+        c, s = math.cos(here[2] + turn / 2), math.sin(here[2] + turn / 2)
+        shift = np.array([c * u - s * v, s * u + c * v, turn])
+        states[row + 1, :POSE] = here[:POSE] + shift
     return states
 
 
