@@ -3,7 +3,7 @@
 Pairs are ranges to draw from, evenly; other numbers are standard deviations about the model, except
 slip, rounding and ``split``, which is the largest. Turn, shift, unequal bending and the share of
 the bend are drawn once for each soft mode, the others once a run. Thermal parameters are drawn from
-the ranges in the robot file (5 % and 95 % values). ``twosra replay`` makes the numbers from logs.
+the ranges in the robot file (5 % and 95 % values).
 """
 
 from __future__ import annotations
