@@ -180,6 +180,7 @@ def driven(body: Body, mode: Mode) -> ca.Function:
     q, sigma = ca.SX.sym("q", POSE + body.geometry.segments), ca.DM(mode)
     compiled, path = kinematics(body), path_model(body)
     jacobian, wheels = compiled.jacobian(q, sigma), compiled.wheel_matrix(q, sigma)
+    parts: list[Any]
     if is_rigid(mode) or path.wheel_map == "paper":
         columns = slice(2, INPUTS) if is_rigid(mode) else slice(0, 2)
         parts = [jacobian[:, columns], wheels[:, columns], ca.DM.eye(INPUTS)[:, columns]]
