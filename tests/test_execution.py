@@ -206,12 +206,14 @@ def test_leaving_the_corridor_plans_the_rest_again_and_reaches_the_goal() -> Non
     assert run.plans[1].problem.start_mode == (0, 0)
 
 
-def test_a_pose_lost_in_a_soft_phase_is_corrected_by_a_rigid_drive() -> None:
-    run = pushed(problem(), (1, 0), [0.2, 0.1, 0.3, 0.0, 0.0])
-    assert run.ending is Ending.REACHED
-    assert (run.replans, run.transitions) == (0, 2)
-    assert run.corrections == 1
-    assert run.plans[1].problem.start_mode == (0, 0)
+def test_a_pose_lost_in_a_soft_phase_costs_no_melt() -> None:
+    near = pushed(problem(), (1, 0), [0.02, 0.01, 0.1, 0.0, 0.0])
+    far = pushed(problem(), (1, 0), [0.2, 0.1, 0.3, 0.0, 0.0])
+    assert near.ending is far.ending is Ending.REACHED
+    assert near.transitions == far.transitions == 2
+    assert (near.replans, near.corrections) == (0, 0)  # four wheels bring it back
+    assert far.replans == 1
+    assert far.plans[1].problem.start_mode == (1, 0)
 
 
 def test_a_shape_that_the_plan_cannot_mend_is_planned_again() -> None:
@@ -314,7 +316,7 @@ def test_every_ending_says_why() -> None:
     task = problem("paper-1")
     made = solution(task).require()
 
-    def ended(seed: int = 4, **settings: Any) -> Run:
+    def ended(seed: int = 2, **settings: Any) -> Run:
         robot = SimulatedRobot(task, "arc", LEVELS["moderate"], seed)
         return Executor(robot, ExecutorSettings(dead_zone_rad_s=0.2, **settings)).run(made)
 

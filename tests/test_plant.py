@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from once import planned
 
-from twosra_mpc import InputError, Problem, load_problem
+from twosra_mpc import InputError, Problem, load_problem, load_robot
 from twosra_mpc.control.heated_segment import HeatedSegment
 from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.control.stiffness_controller import stiffness_controller
@@ -21,7 +21,6 @@ from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import NO_DRIFT, Drift, rolling
-from twosra_mpc.plotting import robot_shape
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -110,18 +109,27 @@ def test_wheels_that_disagree_move_the_robot_less_than_either_wants() -> None:
     assert 0.0 < np.hypot(*(held - q)[:2]) < np.hypot(*(free - q)[:2])
 
 
-def test_the_holding_unit_pivots_about_its_centre() -> None:
+def test_what_the_model_does_not_know_is_turn_and_shift_per_bend() -> None:
     robot, q = problem().robot, np.array([0.0, 0.0, 0.3, 20.0, -10.0])
-    turned = np.array([0.2, 0.0, 0.0, 0.0])  # unit 1 moves, unit 2 holds
-    pivot = 0.2
+    turned = kinematics(robot).wheel_matrix(q, SOFT_2).full() @ [2e-3, 0.0, 0.0, 0.0, 0.0]
     still = rolling(robot, SOFT_2)(q, turned, NO_DRIFT).full().ravel()
-    turning = rolling(robot, SOFT_2)(q, turned, Drift(pivot, 0.0, 0.0)).full().ravel()
-    bend = robot.geometry.lengths_m[0] * (turning[4] - q[4])
-    assert turning[3:] == pytest.approx(still[3:], abs=1e-9)
-    assert turning[2] - still[2] == pytest.approx(-pivot * bend, abs=1e-6)  # as unit 1 turns
-    centres = [robot_shape(robot.geometry, at).units[1].mean(axis=0) for at in (q, still, turning)]
-    assert centres[1] == pytest.approx(centres[0], abs=1e-6)
-    assert centres[2] == pytest.approx(centres[0], abs=1e-6)
+    drifted = rolling(robot, SOFT_2)(q, turned, Drift(0.2, 0.01, 0.0)).full().ravel()
+    bend = robot.geometry.lengths_m[1] * (drifted[4] - q[4])
+    assert abs(bend) > 0.01
+    assert drifted[2] - still[2] == pytest.approx(0.2 * bend, rel=1e-3)
+    across = [-math.sin(0.3), math.cos(0.3)]
+    assert (drifted - still)[:2] @ across == pytest.approx(0.01 * bend, rel=0.02)
+
+
+def test_four_wheels_correct_the_pose_while_the_fibre_bends() -> None:
+    """By the exact map, and as far as they do not slip."""
+    robot, q = load_robot("2sra-v1"), np.array([0.1, 0.0, 0.3, 10.0, -12.0])
+    moves = np.array([2e-3, -1e-3, 0.02, 0.5])  # of b0 in its own frame, of segment 2
+    turned = kinematics(robot).wheel_map(q[3:]).full()[:, [0, 1, 2, 4]] @ moves
+    after = rolling(robot, SOFT_2)(q, turned, NO_DRIFT).full().ravel() - q
+    c, s = math.cos(0.3), math.sin(0.3)
+    expected = [c * 2e-3 + s * 1e-3, s * 2e-3 - c * 1e-3, 0.02, 0.0, 0.5]
+    assert after == pytest.approx(expected, rel=0.05, abs=1e-4)
 
 
 def test_unequal_bending_keeps_the_mean() -> None:

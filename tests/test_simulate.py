@@ -48,7 +48,7 @@ def done() -> Simulation:
 @pytest.fixture(scope="module")
 def replanned() -> Simulation:
     """A run that was planned again."""
-    found = simulated("paper-1", 4)
+    found = simulated("paper-1", 2)
     assert found.run.replans == 1
     return found
 

@@ -45,6 +45,7 @@ from twosra_mpc.execution.tracking.tracker import (
 )
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.modes import (
     MODES,
     RIGID,
@@ -174,7 +175,9 @@ def test_residuals_are_within_the_tolerance(mode: Mode) -> None:
 @pytest.mark.parametrize("mode", MODES)
 def test_the_tolerance_bounds_the_error_of_the_first_speeds(mode: Mode) -> None:
     tracker, program = stepped(mode)
-    rows = slice(0, outputs_of(mode).count)  # the first limits of the first stage
+    rows = slice(
+        0, outputs_of(tracker.robot.body, mode).count
+    )  # the first limits of the first stage
     error = program.constraints @ (program.x - dense_solution(program))
     assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
 
@@ -182,30 +185,40 @@ def test_the_tolerance_bounds_the_error_of_the_first_speeds(mode: Mode) -> None:
 def speeds(setup: Setup, kappa: Array, bending: Array, y: Array, y_next: Array) -> Array:
     """Limited speeds over their limits by the midpoint rule, from the numerical kinematics.
 
-    ``kappa`` are the curvatures for the outputs half way at the linearisation point (the last two
-    entries of it); ``bending`` how they change with the outputs.
+    ``kappa`` are the curvatures for the outputs half way at the linearisation point (its further
+    entries); ``bending`` how they change with the outputs. By the inputs that turn and bend alike,
+    and, where the wheels determine the pose too, by the exact map of the whole motion.
     """
     compiled, outputs, limits = kinematics(setup.body), setup.outputs, setup.body.limits
-    middle = (y + y_next) / 2
-    q = np.zeros(5)
-    if setup.mode == RIGID:
-        q[:3], q[3:] = middle, kappa[:2]
-    else:
-        q[3:] = kappa[:2] + bending @ (middle - kappa[2:])
-    inputs = list(outputs.inputs)
+    middle, step, count = (y + y_next) / 2, y_next - y, len(outputs.pose)
+    q = np.concatenate([np.zeros(3), kappa[:2] + bending @ (middle - kappa[2:])])
+    q[list(outputs.pose)] = middle[:count]
+    inputs = list(INPUTS_OF[setup.mode == RIGID])
     jacobian = compiled.jacobian(q, setup.mode).full()[:, inputs]
-    u = np.linalg.solve(outputs.selection @ jacobian, y_next - y) / setup.period_s
-    wheels = compiled.wheel_matrix(q, setup.mode).full()[:, inputs] @ u / limits.wheel_speed_rad_s
+    needed = outputs.selection[-len(inputs) :]
+    u = np.linalg.solve(needed @ jacobian, step[-len(inputs) :]) / setup.period_s
+    if outputs.count == WHEELS:
+        c, s = math.cos(q[2]), math.sin(q[2])
+        twist = [c * step[0] + s * step[1], c * step[1] - s * step[0], step[2]]
+        motion = np.concatenate([twist, bending @ step])
+        wheels = compiled.wheel_map(q[3:]).full() @ motion / setup.period_s
+    else:
+        wheels = compiled.wheel_matrix(q, setup.mode).full()[:, inputs] @ u
+    wheels = wheels / limits.wheel_speed_rad_s
     if setup.mode == RIGID:
         return np.asarray(wheels)
     return np.concatenate([u / limits.unit_speed_m_s, wheels])
 
 
+INPUTS_OF = (0, 1), (2, 3, 4)  # of a soft mode, of the rigid one
+
+
 def bends(setup: Setup, kappa: Array) -> Array:
     """How both curvatures change with the outputs, (2, m)."""
-    q, inputs = np.concatenate([np.zeros(3), kappa]), list(setup.outputs.inputs)
-    jacobian = kinematics(setup.body).jacobian(q, setup.mode).full()[:, inputs]
-    change: Array = jacobian[3:] @ np.linalg.inv(setup.outputs.selection @ jacobian)
+    q, change = np.concatenate([np.zeros(3), kappa]), np.zeros((2, setup.outputs.count))
+    if setup.mode != RIGID:
+        jacobian = kinematics(setup.body).jacobian(q, setup.mode).full()[:, :2]
+        change[:, -2:] = jacobian[3:] @ np.linalg.inv(setup.outputs.selection[-2:] @ jacobian)
     return change
 
 
@@ -218,7 +231,7 @@ def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
     rng = np.random.default_rng(7)
     m = outputs.count
     q = np.array([0.1, -0.2, 0.4, 12.0, -8.0])
-    drift = np.array([0.004, 0.003, 0.03]) if mode == RIGID else np.array([0.02, 0.8])
+    drift = outputs.selection @ [0.004, 0.003, 0.03, *(0.8 * np.array(mode))]
     reference = outputs.selection @ q + 0.3 * setup.scale + np.arange(n + 1)[:, None] * drift
     previous = rng.normal(size=setup.variables)
     wheels = rng.normal(size=4)
@@ -244,12 +257,12 @@ def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
             kept[2:] = False  # what the units' speeds bound already
         return np.concatenate([*(stage[kept] for stage in stages), *rates])
 
-    drives = kinematics(setup.body).wheel_matrix(q, mode).full()[:, list(outputs.inputs)]
+    drives = kinematics(setup.body).wheel_matrix(q, mode).full()[:, list(INPUTS_OF[mode == RIGID])]
     kappa, at = q[3:], []
-    change = bends(setup, kappa) if mode != RIGID else np.zeros((2, m))
+    change = bends(setup, kappa)
     for k in range(n):
         half = kappa + change @ (y[k + 1] - y[k]) / 2
-        change = bends(setup, half) if mode != RIGID else change
+        change = bends(setup, half)
         at.append((np.concatenate([half, (y[k] + y[k + 1]) / 2]), change))
         kappa = kappa + change @ (y[k + 1] - y[k])
 
@@ -289,11 +302,14 @@ def test_every_phase_ends_where_the_plan_does(scenario: str) -> None:
 
 
 @pytest.mark.parametrize("segments", [1, 2, 3, 4])
-def test_a_mode_has_as_many_outputs_as_inputs_whatever_the_number_of_segments(
+def test_a_mode_tracks_what_its_wheels_determine_whatever_the_number_of_segments(
     segments: int,
 ) -> None:
+    robot = load_robot("2sra-v1")
+    body = robot.with_values(geometry=robot.geometry.with_values(segments=segments)).body
     for mode in all_modes(segments):
-        outputs = outputs_of(mode)
+        outputs = outputs_of(body, mode)
+        assert outputs.count == 3 + any(mode)
         assert outputs.selection.shape == (outputs.count, 3 + segments)
         assert outputs.selection.sum(axis=1) == pytest.approx(1.0)  # coordinates, or a mean
         bending = np.flatnonzero(outputs.selection[-1, 3:])
@@ -378,7 +394,7 @@ def test_the_reference_is_the_path_of_the_plan(mode: Mode) -> None:
     scenario, index = PHASES[mode]
     of = planned(scenario)
     phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
-    selection = outputs_of(mode).selection
+    selection = outputs_of(of.robot.body, mode).selection
     path = PhaseReference(of.trajectory, phase, selection, horizon, period_s)
     flow = interval_flow(of.robot, 16)
     found = np.zeros((horizon + 1, len(selection)))
@@ -523,7 +539,7 @@ def test_a_curvature_out_of_all_bounds_is_still_bent_back(mode: Mode, kappa: flo
     tracker = Tracker(of.robot)
     tracker.reset(of)
     q = configuration(of, of.phases[phase].end_s)
-    moving = list(outputs_of(mode).bending)
+    moving = list(outputs_of(of.robot.body, mode).bending)
     q[moving] = kappa
     command = tracker.step(Measurement(300.0, phase, q))
     assert command.status is CommandStatus.SOLVED

@@ -201,23 +201,26 @@ class Driving:
     def _outputs(self, difference: Array) -> Array:
         """Outputs that the phase is judged by, of a difference of q, in units of the accuracy.
 
-        The pose in a rigid phase; in a soft one the mean of the bends alone: how far the units are
-        dragged while they bend is not known, and a rigid drive corrects the pose.
+        The pose in a rigid phase; in a soft one the mean of the bends alone: a pose that is left
+        over is corrected by a rigid drive.
         """
-        selection, turned = outputs_of(self.phase.mode).selection, difference.copy()
+        selection, turned = (
+            outputs_of(self.belief.problem.robot.body, self.phase.mode).selection,
+            difference.copy(),
+        )
         turned[2] = math.remainder(turned[2], math.tau)
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
 
     def _outside(self, planned: Array) -> Abort | None:
-        """True if a rigid robot has left the corridor, or soft segments have bent apart."""
+        """Abort where the robot has left the corridor, or soft segments have bent apart."""
         belief, patience = self.belief, self.patience
         away, soft = belief.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
         lost = far_m > patience.corridor_m or abs(turn) > patience.corridor_rad
-        if belief.guard is not None:
+        if self.rigid and belief.guard is not None:
             lost = belief.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
-        if self.rigid and lost:
+        if lost:
             text = f"the robot is {1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad from the plan"
             return Abort("corridor", text)
         if not soft:

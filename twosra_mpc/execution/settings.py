@@ -37,7 +37,7 @@ class Patience(Value):
         certain: Share that the standard deviation shall come down to in a look.
         certain_of_a_melt: The same in a long look.
         doubtful: Distance of a share from a decision that makes it worth a long look.
-        corridor_m: A robot that drives as a rigid body farther from its plan has left it.
+        corridor_m: A robot that is farther from its plan has left it.
         corridor_rad: The same for its heading.
         stiff_per_m: A curvature farther from the plan is of metal that is not yet all liquid.
         stop_m: Nearer to an obstacle no robot drives, however sure it is of where it is.
@@ -71,7 +71,7 @@ class Patience(Value):
     certain: Positive = 0.15
     certain_of_a_melt: Positive = 0.08
     doubtful: Positive = 0.3
-    corridor_m: Positive = 0.1
+    corridor_m: Positive = 0.05
     corridor_rad: Positive = 1.0
     stiff_per_m: Positive = 5.0
     stop_m: Positive = 0.002

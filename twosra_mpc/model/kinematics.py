@@ -28,6 +28,7 @@ from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
 
@@ -165,6 +166,36 @@ def kinematics(robot: Robot | Body) -> Kinematics:
         shared=ModelFunction(shared),
         wheel_poses=ModelFunction(wheel_poses(robot.geometry)),
     )
+
+
+@per_body(8)
+def driven(body: Body, mode: Mode) -> ca.Function:
+    r"""Motions z (m,) that the wheels determine in a mode: q -> (N, D, U).
+
+    q' = N z, the wheels turn at omega = D z, and the inputs v = U z belong to it. Rigid: z is the
+    twist (u, v, r) of b0. Soft, with the exact wheel map: that twist and the mean rate of the soft
+    segments' curvatures, four numbers for four wheels. Soft, with the paper's map: z = (v1, v2).
+    """
+    q, sigma = ca.SX.sym("q", POSE + body.geometry.segments), ca.DM(mode)
+    compiled, path = kinematics(body), path_model(body)
+    jacobian, wheels = compiled.jacobian(q, sigma), compiled.wheel_matrix(q, sigma)
+    parts: list[Any]
+    if is_rigid(mode) or path.wheel_map == "paper":
+        columns = slice(2, INPUTS) if is_rigid(mode) else slice(0, 2)
+        parts = [jacobian[:, columns], wheels[:, columns], ca.DM.eye(INPUTS)[:, columns]]
+    else:
+        rates = ca.SX.zeros(body.geometry.segments)
+        lengths = body.geometry.lengths_m
+        for j in soft_segments(mode):
+            rates[j] = path.share(j, q[POSE + j] * lengths[j]) / lengths[j]
+        rates *= sum(mode) / ca.sum1(rates)
+        motion = ca.diagcat(_turned(q[2]), 1, rates)
+        bends = ca.SX(ca.DM([[0, 0, 1, *[0] * len(mode)], [0, 0, 0, *np.divide(mode, sum(mode))]]))
+        inputs = ca.SX.zeros(INPUTS, POSE + 1)
+        inputs[:2, 2:] = ca.inv_minor(bends @ jacobian[:, :2])
+        parts = [motion, compiled.wheel_map(q[POSE:]) @ ca.diagcat(ca.SX.eye(POSE), rates), inputs]
+    names = ["N", "D", "U"]
+    return ca.Function("driven", [q], [ca.sparsify(part) for part in parts], ["q"], names)
 
 
 @per_body()

@@ -3,10 +3,13 @@ r"""Motion of a robot whose wheels are told to turn: the one with which they sli
 Four wheel speeds are more than a mode has inputs, so they need not agree. With A the columns of the
 wheel matrix V of the mode's inputs, the robot moves with
 
-.. math:: v = \arg\min_v |A(q)\,v - \omega|^2, \qquad \dot q = J(q, \sigma)\,v + d(q, v).
+.. math:: v = \arg\min_v |A(q)\,v - \omega|^2, \qquad
+    \dot q = J(q, \sigma)\,v + N(q)\,z(\omega - A v) + d.
 
-d is what the model does not know (`Drift`): a unit that is meant to hold is dragged round by the
-one that bends the fibre, and slides, and two soft segments do not bend equally.
+Where the wheels determine more motions N z than the mode has inputs (`driven`), the robot makes
+those, too, that let the wheels slip less: z minimises the slip |D z - (omega - A v)|^2 that is left
+and a little of itself, for there are shapes in which wheels lose control of a motion. d is what the
+model does not know (`Drift`).
 """
 
 from __future__ import annotations
@@ -17,23 +20,21 @@ import casadi as ca
 import numpy as np
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.chain import fibre_end_pose, placed
 from twosra_mpc.model.flow import runge_kutta
-from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.kinematics import driven, kinematics
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body
-from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 _ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in singular shapes
+_DAMPING = 0.03  # singular value of D, columns of length one, below which a motion is lost
 
 
 class Drift(NamedTuple):
     """Drift besides the model while the fibre bends.
 
     Attributes:
-        pivot_rad_per_rad: Turn of a unit about its centre per angle by which the other one bends
-            the fibre, in the sense in which that one turns.
+        pivot_rad_per_rad: Turn of the robot about b0, per angle by which all soft segments bend.
         slide_m_per_rad: Its shift along y of b0, per bending angle.
         split: With several segments soft, share by which the first of them bends more, the second
             less, the third more again.
@@ -77,32 +78,18 @@ def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.S
     v = ca.inv_minor(gram) @ (drive.T @ turned)
     jacobian = ca.sparsify(compiled.jacobian(q, sigma)[:, inputs])
     moved = jacobian @ v
+    motions, turns, _ = driven(body, mode)(q)
+    if motions.size2() > len(inputs):
+        unit = ca.diag(1 / ca.sqrt(ca.sum1(turns**2)).T)
+        slip, turns = turned - drive @ v, turns @ unit
+        damped = turns.T @ turns + _DAMPING**2 * ca.DM.eye(turns.size2())
+        moved += motions @ unit @ ca.inv_minor(damped) @ (turns.T @ slip)
     if not is_rigid(mode):
         soft = soft_segments(mode)
         if len(soft) > 1:
             for number, segment in enumerate(soft):
                 moved[POSE + segment] *= 1 + drift[2] * (-1.0) ** number
-        moved[:POSE] += _slipped(body.geometry, q, jacobian @ ca.diag(v), drift)
+        bend = ca.dot(ca.DM(body.geometry.lengths_m), moved[POSE:])
+        slide = drift[1] * bend
+        moved[:POSE] += ca.vertcat(-ca.sin(q[2]) * slide, ca.cos(q[2]) * slide, drift[0] * bend)
     return moved
-
-
-def _slipped(geometry: Geometry, q: ca.SX, moved: ca.SX, drift: ca.SX) -> ca.SX:
-    """Rate of the pose (3,) by which the whole robot follows units that do not hold still.
-
-    ``moved`` are the rates of q by either unit, (3 + n) x 2.
-    """
-    c, s = ca.cos(q[2]), ca.sin(q[2])
-    slipped = ca.SX.zeros(POSE)
-    for unit, sense in ((0, -1), (1, 1)):
-        bend = ca.dot(ca.DM(geometry.lengths_m), moved[POSE:, unit])
-        turn, centre = sense * drift[0] * bend, _unit_middle(geometry, q, 1 - unit)
-        in_body = ca.vertcat(turn * centre[1], -turn * centre[0] + drift[1] * bend)
-        slipped += ca.vertcat(ca.blockcat([[c, -s], [s, c]]) @ in_body, turn)
-    return slipped
-
-
-def _unit_middle(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
-    """Middle of a locomotion unit (0 or 1) in b0, (2,) [m]."""
-    out_m, aside_m = geometry.unit_middle_m
-    middle_m = ca.DM([(-1, 1)[unit] * out_m, aside_m])
-    return placed(fibre_end_pose(geometry, q, unit), middle_m)

@@ -169,9 +169,8 @@ def _melted(segments: Segments) -> list[float]:
 
 
 def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
-    slide_m = what.slide_m_per_rad * drawn.standard_normal()
-    split = drawn.uniform(-what.split, what.split)
-    return Drift(drawn.uniform(*what.pivot_rad_per_rad), slide_m, split)
+    turn, shift = (what.pivot_rad_per_rad, what.slide_m_per_rad) * drawn.standard_normal(2)
+    return Drift(turn, shift, drawn.uniform(-what.split, what.split))
 
 
 AS_PLANNED, PHYSICS = "as-planned", "mujoco"

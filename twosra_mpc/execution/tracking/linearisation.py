@@ -36,7 +36,7 @@ from scipy import sparse
 from twosra_mpc.execution.tracking import prediction
 from twosra_mpc.execution.tracking.prediction import Period, Stage
 from twosra_mpc.execution.tracking.setup import Setup
-from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import is_rigid
 
 UNLIMITED = 1e30  # what OSQP takes as no bound
@@ -180,10 +180,8 @@ def _linearised_speeds(
 ) -> _Affine:
     """Speeds of period k, which depend on e_k and e_{k+1}."""
     m, scale = setup.outputs.count, ca.diag(ca.DM(setup.scale))
-    last_output = ca.DM.eye(m)[-1, :]
     g, by_step, by_middle = (ca.diag(unit) @ term for term in period.speeds)
-    ahead = (by_middle @ last_output / 2 + by_step) @ scale
-    behind = (by_middle @ last_output / 2 - by_step) @ scale
+    ahead, behind = (by_middle / 2 + by_step) @ scale, (by_middle / 2 - by_step) @ scale
     matrix = ca.SX(g.numel(), setup.variables)
     matrix[:, m * k : m * (k + 1)] = ahead
     constant = g - ahead @ expected[k + 1]
@@ -238,13 +236,11 @@ def _next_rows(kinds: list[list[_Rows]]) -> NDArray[np.intp]:
 
 def _command(setup: Setup, stage: Stage, period: Period, last: ca.SX) -> list[ca.SX]:
     """Input of the first period, scaled into the limits, and the wheel speeds sent for it."""
-    limits, outputs = setup.body.limits, setup.outputs
-    u, wheels = stage.motion(period.half_way, period.step)
+    limits = setup.body.limits
+    v, wheels = stage.motion(period.half_way, period.step)
     shares = [ca.fabs(wheels) / limits.wheel_speed_rad_s]
-    if outputs.bending:
-        shares.append(ca.fabs(u) / limits.unit_speed_m_s)
+    if setup.outputs.bending:
+        shares.append(ca.fabs(v[:2]) / limits.unit_speed_m_s)
     within = 1 / ca.fmax(1, ca.mmax(ca.vertcat(*shares)))
-    v = ca.SX.zeros(INPUTS)
-    v[list(outputs.inputs)] = u * within
     sent = ca.fmax(wheels * within, last - setup.wheel_change)
-    return [v, ca.fmin(sent, last + setup.wheel_change)]
+    return [ca.densify(v) * within, ca.fmin(sent, last + setup.wheel_change)]

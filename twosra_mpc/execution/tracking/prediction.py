@@ -1,8 +1,8 @@
 r"""Motion seen from the outputs, symbolically: one sampling period, and the whole horizon.
 
-By the midpoint rule, the input that takes the outputs from y_k to y_{k+1} in one period h is
+By the midpoint rule, the motion that takes the outputs from y_k to y_{k+1} in one period h is
 
-.. math:: u_k = M(\bar q_k)^{-1} (y_{k+1} - y_k) / h,
+.. math:: z_k = (T N(\bar q_k))^{-1} (y_{k+1} - y_k) / h,
 
 with the configuration half way. Speeds g = (v / v_max in soft modes, omega / omega_max), each
 divided by its limit, follow from it.
@@ -18,7 +18,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from twosra_mpc.execution.tracking.setup import Setup
-from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.kinematics import driven
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 
 CURVATURE_MARGIN = 1.01  # curvatures beyond the limit are taken as so many times the limit
@@ -28,10 +28,9 @@ class Stage(NamedTuple):
     """Compiled model of one period in one mode; m outputs, q half way, d = y_{k+1} - y_k.
 
     Attributes:
-        motion: (q, d) -> (input u [m/s, rad/s], four wheel speeds [rad/s]).
-        speeds: (q, d) -> (g, dg/dd, dg/dy, bending): speeds, and their derivatives by the step,
-            (rows, m), and by the last output half way, (rows,). The other outputs do not matter:
-            rigid motion is the same everywhere, bending also in every direction.
+        motion: (q, d) -> (inputs v (5,) [m/s, rad/s], four wheel speeds [rad/s]).
+        speeds: (q, d) -> (g, dg/dd, dg/dy, bending): speeds, and their derivatives by the step and
+            by the outputs half way, (rows, m).
         bending: q -> derivative of the moving curvatures by the outputs, (bending, m).
         limits: Rows of g to keep within one; those left out are then within one by themselves.
         wheels: Wheels that turn in this mode; they are the last rows of g.
@@ -46,30 +45,25 @@ class Stage(NamedTuple):
 
 def stage_model(setup: Setup) -> Stage:
     """Write down the model of one period."""
-    outputs, compiled = setup.outputs, kinematics(setup.body)
-    limits, bending = setup.body.limits, list(outputs.bending)
+    outputs, limits = setup.outputs, setup.body.limits
     q, d = ca.SX.sym("q", setup.coordinates.size), ca.SX.sym("d", outputs.count)
-    inputs, sigma = list(outputs.inputs), ca.DM(setup.mode)
-    jacobian = ca.sparsify(compiled.jacobian(q, sigma)[:, inputs])
-    inverse = ca.inv_minor(ca.sparsify(ca.DM(outputs.selection)) @ jacobian)
-    u = inverse @ d / setup.period_s
-    drive = ca.sparsify(compiled.wheel_matrix(q, sigma)[:, inputs])
+    motions, drive, inputs = driven(setup.body, setup.mode)(q)
+    inverse = ca.inv_minor(ca.sparsify(ca.DM(outputs.selection)) @ motions)
+    z, along = inverse @ d / setup.period_s, motions @ inverse
+    v = inputs @ z
     wheels = tuple(i for i in range(WHEELS) if not drive[i, :].is_zero())
 
     by_wheel = drive[list(wheels), :] / limits.wheel_speed_rad_s
-    g, rows = by_wheel @ u, list(range(len(wheels)))
-    if bending:
-        g = ca.vertcat(u / limits.unit_speed_m_s, g)
+    g, rows = by_wheel @ z, list(range(len(wheels)))
+    if outputs.bending:
         most = limits.unit_speed_m_s
+        g = ca.vertcat(v[:2] / most, g)
         rows = [0, 1, *(2 + i for i in rows if not _within_one(by_wheel[i, :], most))]
-    bends = jacobian[bending, :] @ inverse
-    along = ca.SX(outputs.selection[-1])
-    for row, coordinate in enumerate(bending):
-        along[coordinate] = bends[row, -1]
-    speeds = [g, ca.jacobian(g, d), ca.jtimes(g, q, along), bends]
+    bends = along[list(outputs.bending), :]
+    speeds = [g, ca.jacobian(g, d), ca.jacobian(g, q) @ along, bends]
     # Common terms are sought here, in what a horizon repeats: in all of it that takes seconds.
     return Stage(
-        motion=ca.Function("motion", [q, d], [u, drive @ u], {"cse": True}),
+        motion=ca.Function("motion", [q, d], [v, drive @ z], {"cse": True}),
         speeds=ca.Function("speeds", [q, d], speeds, {"cse": True}),
         bending=ca.Function("bending", [q], [bends], {"cse": True}),
         limits=tuple(rows),
@@ -131,17 +125,15 @@ def motion(setup: Setup, stage: Stage, start: ca.SX, outputs: Sequence[ca.SX]) -
 
     Outputs may follow any path; the curvatures that go with it are rolled out.
     """
-    moving = list(setup.outputs.bending)
+    pose, moving = list(setup.outputs.pose), list(setup.outputs.bending)
     bound = CURVATURE_MARGIN * setup.body.limits.curvature_per_m
     kappa, bending = start[moving], stage.bending(start)
     periods = []
     for y, y_next in itertools.pairwise(outputs):
         step = y_next - y
         half_way = ca.SX(start)
-        if moving:
-            half_way[moving] = _bounded(kappa + bending @ step / 2, bound)
-        else:
-            half_way[:POSE] = y + step / 2
+        half_way[pose] = (y + step / 2)[: len(pose)]
+        half_way[moving] = _bounded(kappa + bending @ step / 2, bound)
         *speeds, bending = stage.speeds(half_way, step)
         kappa = kappa + bending @ step
         periods.append(Period(half_way, step, kappa, bending, speeds))

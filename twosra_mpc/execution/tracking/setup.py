@@ -1,13 +1,14 @@
 r"""Setup of the quadratic program of a mode: what is tracked, weights and limits.
 
-In each mode as many outputs y = T q are tracked as the mode has inputs.
+In each mode as many outputs y = T q are tracked as the wheels determine motions z.
 
-.. math:: \dot y = M(q)\,u, \qquad M = T\,J(q, \sigma)\,B
+.. math:: \dot y = T\,N(q)\,z
 
-B picks the inputs of the mode. M is regular, so any path of y can be followed, and what the inputs
-must be follows from it. Rigid: y = (x, y, phi). Soft: y = (phi, mean curvature of the soft
-segments): two units bend all of them at once, so one number is theirs to control, however many they
-are. Where b0 goes meanwhile follows from the path of y, and cannot be corrected at rest.
+T N is regular, so any path of y can be followed, and what the wheels must do follows from it.
+Rigid: y = (x, y, phi). Soft: the pose and the mean curvature of the soft segments, for the units
+bend all of them at once, so one number is theirs to control, however many they are. In the paper's
+wheel map only the side wheels turn while a segment is soft: then y = (phi, mean curvature), where
+b0 goes meanwhile follows from its path, and cannot be corrected at rest.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from twosra_mpc.model.kinematics import driven
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -54,15 +56,18 @@ class TrackerLimits(Value):
         deviation_m: Larger deviations of x and y are taken as this: the wheels run at their limit
             anyway, and the linearised limits hold near the plan.
         deviation_rad: The same for the heading.
-        deviation_soft_rad: The same in soft modes: a heading that a rigid drive can correct must
-            not use up the speed that is there for bending.
+        deviation_soft_m: The same in soft modes: a pose that a rigid drive can correct must not use
+            up the speed that is there for bending, nor hold the robot in a shape in which its
+            wheels cannot both keep the pose and bend.
+        deviation_soft_rad: The same for the heading.
         deviation_per_m: The same for a curvature.
     """
 
     wheel_rate_rad_s2: Positive = 100.0
     deviation_m: Positive = 0.05
     deviation_rad: Positive = 0.5
-    deviation_soft_rad: Positive = 0.1
+    deviation_soft_m: Positive = 0.003
+    deviation_soft_rad: Positive = 0.025
     deviation_per_m: Positive = 20.0
 
 
@@ -82,37 +87,39 @@ class SolverSettings(Value):
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """Outputs and inputs of a mode.
+    """Outputs of a mode.
 
     Attributes:
-        inputs: Positions in v = [v1, v2, u0, v0, r0] of the mode's inputs, m of them.
         selection: T, (m, 3 + n); a mean of coordinates has weights that add up to one.
-        heading: Which output is phi.
-        bending: Positions in q of the curvatures that move.
+        pose: Positions in q of the first outputs, phi is the last of them.
+        bending: Positions in q of the curvatures that move; their mean is the last output.
     """
 
-    inputs: tuple[int, ...]
     selection: Array
-    heading: int
+    pose: tuple[int, ...]
     bending: tuple[int, ...]
 
     @property
     def count(self) -> int:
-        """Number of outputs, and of inputs."""
-        return len(self.inputs)
+        """Number of outputs."""
+        return len(self.selection)
+
+    @property
+    def heading(self) -> int:
+        """Which output is phi."""
+        return len(self.pose) - 1
 
 
 @lru_cache(maxsize=32)
-def outputs_of(mode: Mode) -> Outputs:
-    """Outputs and inputs of a mode, whatever the number of segments."""
-    size = POSE + len(mode)
-    if is_rigid(mode):
-        return Outputs((2, 3, 4), np.eye(POSE, size), heading=2, bending=())
+def outputs_of(body: Body, mode: Mode) -> Outputs:
+    """Outputs of a mode: as many as the wheels determine."""
+    size, motions = POSE + len(mode), driven(body, mode).size2_out("N")
     bending = tuple(POSE + segment for segment in soft_segments(mode))
-    selection = np.zeros((2, size))
-    selection[0, 2] = 1.0
-    selection[1, list(bending)] = 1.0 / len(bending)
-    return Outputs((0, 1), selection, heading=0, bending=bending)
+    pose = tuple(range(POSE)[-(motions - bool(bending)) :])
+    selection = np.eye(size)[list(pose)]
+    if bending:
+        selection = np.vstack([selection, np.eye(size)[list(bending)].mean(axis=0)])
+    return Outputs(selection, pose, bending)
 
 
 @dataclass(frozen=True)
@@ -137,7 +144,7 @@ class Setup:
     @property
     def outputs(self) -> Outputs:
         """Outputs that the mode tracks."""
-        return outputs_of(self.mode)
+        return outputs_of(self.body, self.mode)
 
     @property
     def variables(self) -> int:
@@ -154,8 +161,10 @@ class Setup:
     def largest_deviation(self) -> Array:
         """Deviation of each output at which a prediction starts at most, (m,)."""
         limits = self.limits
-        turn_rad = limits.deviation_rad if is_rigid(self.mode) else limits.deviation_soft_rad
-        return self._of_outputs(limits.deviation_m, turn_rad, limits.deviation_per_m)
+        pose = limits.deviation_soft_m, limits.deviation_soft_rad
+        if is_rigid(self.mode):
+            pose = limits.deviation_m, limits.deviation_rad
+        return self._of_outputs(*pose, limits.deviation_per_m)
 
     def _of_outputs(self, position: float, heading: float, curvature: float) -> Array:
         each = self.coordinates.each(position, heading, curvature)

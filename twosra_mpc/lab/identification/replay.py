@@ -1,28 +1,26 @@
 """Replay of a log: where commands that were given lead by the model, and where the robot came.
 
 Every phase is predicted from where it began: from its commands alone, and along the measured
-history of curvatures, with each unit's share of the travel as commanded. What is then still missing
-is what no knowledge of the bend could have told: the unit that should hold pivots, b0 slides.
+history of curvatures, with the motion of b0 by which the wheels slip least. What is then still
+missing is what no knowledge of the bend could have told.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 LEAST_BEND_RAD = 0.2  # less is lost in the noise: two segments seen to 1/m are good to 0.06
-_SECANTS, _CLOSE_RAD = 8, 1e-6  # steps for the scale of a row's motion, and where they end
-_PROBE = 1e-3  # share of a phase's travel that tells how fast it bends
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +34,8 @@ class PhaseReplay:
         predicted: The same by the commands, (rows, 3 + n); it stays where a curvature limit is
             reached.
         as_bent: The same along the measured history of curvatures, (rows, 3 + n): the curvatures
-            measured, and where b0 is by the model. None in a rigid phase, and where hardly anything
-            was bent or predicted to be.
+            measured, and where b0 is dragged to by wheels that slip least. None in a rigid phase,
+            and where hardly anything was bent.
         bend_rad: Bend of all soft segments together in each row, since the first, (rows,).
         predicted_bend_rad: The same as predicted.
     """
@@ -130,35 +128,25 @@ def _phase(log: MotionLog, robot: Robot, rows: slice) -> PhaseReplay:
         return (q[:, POSE:] - q[0, POSE:])[:, soft] @ lengths[soft]
 
     predicted, bent = _within(robot, states(measured[0], done)), bend(measured)
-    expected, as_bent = bend(predicted), None
-    if soft and min(abs(expected[-1]), abs(bent[-1])) >= LEAST_BEND_RAD:
-        travel = (done if log.by_wheels else np.abs(done)).sum(axis=0)
-        as_bent = _along(measured, bend, lambda q, of: states(q, of * travel[None])[-1])
-    return PhaseReplay(mode, time_s, measured, predicted, as_bent, bent, expected)
+    as_bent = None
+    if soft and abs(bent[-1]) >= LEAST_BEND_RAD:
+        as_bent = _dragged(robot, mode, measured, done, log.by_wheels)
+    return PhaseReplay(mode, time_s, measured, predicted, as_bent, bent, bend(predicted))
 
 
-def _along(
-    measured: Array, bend: Callable[[Array], Array], moved: Callable[[Array, float], Array]
-) -> Array:
-    """Configurations with the curvatures measured, each pose by the motion that bends so.
-
-    Args:
-        measured: Configurations measured, (rows, 3 + n).
-        bend: Bend of the soft segments since the first of some configurations.
-        moved: Configuration after a share of the phase's travel from another one.
-    """
-    states = [measured[0]]
-    for wanted, after in zip(np.diff(bend(measured)).tolist(), measured[1:], strict=True):
-        here = states[-1]
-
-        def bent(share: float, here: Array = here) -> float:
-            return float(bend(np.stack([here, moved(here, share)]))[-1])
-
-        rate = bent(_PROBE) / _PROBE
-        reached = moved(here, _scale(bent, wanted, wanted / rate)) if rate else here
-        pose = reached[:POSE] if np.isfinite(reached).all() else here[:POSE]
-        states.append(np.concatenate([pose, after[POSE:]]))
-    return np.array(states)
+def _dragged(robot: Robot, mode: Mode, measured: Array, done: Array, by_wheels: bool) -> Array:
+    """Configurations with the curvatures measured, b0 where the wheels slip least."""
+    states, compiled = measured.copy(), kinematics(robot)
+    for row, bent in enumerate(np.diff(measured[:, POSE:], axis=0)):
+        here, told = states[row], done[row]
+        middle = np.concatenate([here[:POSE], here[POSE:] + bent / 2])
+        turned = told if by_wheels else compiled.wheel_matrix(middle, mode).full() @ told
+        wheels = compiled.wheel_map(middle[POSE:]).full()
+        u, v, turn = np.linalg.lstsq(wheels[:, :POSE], turned - wheels[:, POSE:] @ bent)[0]
+        c, s = math.cos(here[2] + turn / 2), math.sin(here[2] + turn / 2)
+        shift = np.array([c * u - s * v, s * u + c * v, turn])
+        states[row + 1, :POSE] = here[:POSE] + shift
+    return states
 
 
 def _states(robot: Robot, mode: Mode, start: Array, done: Array, by_wheels: bool) -> Array:
@@ -177,17 +165,6 @@ def _within(robot: Robot, states: Array) -> Array:
     held = states.copy()
     held[beyond.argmax() :] = states[beyond.argmax() - 1]
     return held
-
-
-def _scale(bend: Callable[[float], float], wanted: float, guess: float) -> float:
-    """Share of the travel at which the bend is the one wanted, by secants."""
-    before, off_before, scale = 0.0, -wanted, guess
-    for _ in range(_SECANTS):
-        off = bend(scale) - wanted
-        if abs(off) < _CLOSE_RAD or off == off_before:
-            break
-        before, off_before, scale = scale, off, scale - off * (scale - before) / (off - off_before)
-    return scale
 
 
 def _difference(measured: Array, predicted: Array) -> Array:
