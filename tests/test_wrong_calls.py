@@ -52,7 +52,7 @@ from twosra_mpc.execution import (
 from twosra_mpc.validation import ArrayValue, Value
 
 PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
-EXPORTS = ("lab.export.ros2_mcap", "plans.setpoints")
+EXPORTS = ("export.ros2_mcap", "plans.setpoints")
 PAGES = Path(__file__).parents[1] / "docs/reference"
 
 
