@@ -14,7 +14,7 @@ from once import planned, solved
 
 from twosra_mpc import InputError
 from twosra_mpc.checking.plan_file import refined
-from twosra_mpc.lab.export.ros2_mcap import save_ros2_bag
+from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.plans.setpoints import save_authors_csv
 
 # --- CSV -----------------------------------------------------------------------------------------

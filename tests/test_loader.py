@@ -112,7 +112,7 @@ def savers() -> list[Callable[..., None]]:
     """Functions ``save_...(plan, path)`` of the package."""
     found: dict[str, Callable[..., None]] = {}
     for name in MODULES:
-        if name.startswith(("lab/export/", "plans/")):
+        if name.startswith(("export/", "plans/")):
             module = import_module(f"twosra_mpc.{name[:-3].replace('/', '.')}")
             for key, value in vars(module).items():
                 if key.startswith("save_") and inspect.isfunction(value):
@@ -127,5 +127,5 @@ def test_plan_files_are_read_by_the_loader_alone() -> None:
         for module in MODULES
         if "plan_in(" in (Path(__file__).parent.parent / "twosra_mpc" / module).read_text()
     }
-    assert from_files == {"plans/result.py", "checking/plan_file.py"}
+    assert from_files == {"plans/document.py", "checking/plan_file.py"}
     assert "twosra_mpc.plans.result" in set(imports("checking/plan_file.py"))

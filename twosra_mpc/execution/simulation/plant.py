@@ -268,8 +268,8 @@ class SimulatedRobot:
         self._true = with_lengths(true, what.lengths, drawn)
         by_path = PathMotion(problem, self._true, what, drawn, self._noise)
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
-        given = problem, what, drawn, self._noise
-        self.segments = heated_segments(*given, broken_heaters=broken_heaters)
+        own = problem, what, drawn, self._noise
+        self.segments = heated_segments(*own, broken_heaters=broken_heaters)
         self._motion: Motion = by_path  # drawn in any case: one seed, the same heat and sensors
         if physics:
             width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])

@@ -9,15 +9,16 @@ from pathlib import Path
 import click
 
 from twosra_mpc.cli.options import (
+    ACCEPT_PAPER_WHEELS,
     FILE,
     command,
+    drivable_plan,
     ending,
     file_option,
 )
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.lab.commands import robot_line
-from twosra_mpc.lab.commands.export_command import ACCEPT_PAPER_WHEELS, drivable_plan
 from twosra_mpc.lab.serial.markers import load_markers
 from twosra_mpc.lab.serial.port import SystemClock
 from twosra_mpc.lab.serial.pose_lines import pose_lines
