@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.lab.serial.markers import (
+from twosra_mpc.model.markers import (
     Marker,
     Markers,
     calibrated_markers,

@@ -40,7 +40,7 @@ ALLOWED = {
         "problem/goals.py",
         "checking/reintegration.py",
         "planning/solver/",
-        *("execution/tracking/", "lab/serial/markers.py"),
+        "execution/tracking/",
     ),
     "matplotlib": ("plotting/", "lab/figures/"),
     "tomlkit": ("robot/description.py", "lab/commands/", "lab/identification/", "report/"),
