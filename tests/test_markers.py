@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
+from twosra_mpc.lab.serial.pose_lines import PoseLines
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.markers import (
     Marker,
     Markers,
@@ -18,8 +20,6 @@ from twosra_mpc.model.markers import (
     load_markers,
     marker_poses,
 )
-from twosra_mpc.lab.serial.pose_lines import PoseLines
-from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.robot.coordinates import Array, wrapped

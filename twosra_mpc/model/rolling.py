@@ -14,16 +14,18 @@ model does not know (`Drift`).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import runge_kutta
 from twosra_mpc.model.kinematics import driven, kinematics
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
-from twosra_mpc.robot.description import Body
+from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 _ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in singular shapes
@@ -65,6 +67,20 @@ def rolled(body: Body, mode: Mode, start: Array, turned: Array) -> Array:
     chain = rolling(body, mode).mapaccum(len(turned))
     still = np.zeros((3, len(turned)))
     return np.vstack([start, chain(start, turned.T, still).full().T])
+
+
+def dragged(robot: Robot, q: Array, bent: Array, turned: ArrayLike) -> Array:
+    """Pose of b0, (3,), once the wheels have turned by ``turned`` (4,) [rad].
+
+    It moves so that they slip least while the curvatures change by ``bent`` (n,) [1/m], whatever
+    bends the fibre.
+    """
+    wheels = kinematics(robot).wheel_map(q[POSE:] + bent / 2).full()
+    told = np.ravel(turned) - wheels[:, POSE:] @ bent
+    u, v, turn = np.linalg.lstsq(wheels[:, :POSE], told)[0]
+    c, s = math.cos(q[2] + turn / 2), math.sin(q[2] + turn / 2)
+    pose: Array = q[:POSE] + np.array([c * u - s * v, s * u + c * v, turn])
+    return pose
 
 
 def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.SX:

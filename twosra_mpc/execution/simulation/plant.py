@@ -268,13 +268,16 @@ class SimulatedRobot:
         self._true = with_lengths(true, what.lengths, drawn)
         by_path = PathMotion(problem, self._true, what, drawn, self._noise)
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
-        own = problem, what, drawn, self._noise
-        self.segments = heated_segments(*own, broken_heaters=broken_heaters)
+        self.segments = heated_segments(
+            problem, what, drawn, self._noise, broken_heaters=broken_heaters
+        )
         self._motion: Motion = by_path  # drawn in any case: one seed, the same heat and sensors
         if physics:
             width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])
-            own = self._true.true_physics.drawn(width, rng)
-            self._motion = PhysicsMotion(problem, self._true, own, self.segments, viewer=viewer)
+            physical = self._true.true_physics.drawn(width, rng)
+            self._motion = PhysicsMotion(
+                problem, self._true, physical, self.segments, viewer=viewer
+            )
         elif viewer:
             raise InputError("viewer", True, f"left out: only plant {PHYSICS} has one")
         self._touched = self._motion.touched

@@ -14,8 +14,8 @@ import numpy as np
 
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.rolling import rolled
+from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.model.rolling import dragged, rolled
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -136,16 +136,13 @@ def _phase(log: MotionLog, robot: Robot, rows: slice) -> PhaseReplay:
 
 def _dragged(robot: Robot, mode: Mode, measured: Array, done: Array, by_wheels: bool) -> Array:
     """Configurations with the curvatures measured, b0 where the wheels slip least."""
-    states, compiled = measured.copy(), kinematics(robot)
+    states = measured.copy()
     for row, bent in enumerate(np.diff(measured[:, POSE:], axis=0)):
-        here, told = states[row], done[row]
-        middle = np.concatenate([here[:POSE], here[POSE:] + bent / 2])
-        turned = told if by_wheels else compiled.wheel_matrix(middle, mode).full() @ told
-        wheels = compiled.wheel_map(middle[POSE:]).full()
-        u, v, turn = np.linalg.lstsq(wheels[:, :POSE], turned - wheels[:, POSE:] @ bent)[0]
-        c, s = math.cos(here[2] + turn / 2), math.sin(here[2] + turn / 2)
-        shift = np.array([c * u - s * v, s * u + c * v, turn])
-        states[row + 1, :POSE] = here[:POSE] + shift
+        here, turned = states[row], done[row]
+        if not by_wheels:
+            middle = here + np.concatenate([np.zeros(POSE), bent / 2])
+            turned = wheel_travel(robot.body)(middle, turned, mode)
+        states[row + 1, :POSE] = dragged(robot, here, bent, turned)
     return states
 
 
