@@ -213,6 +213,11 @@ class HeatBelief(ArrayValue):
         return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
+    def doubted(self) -> bool:
+        """True if the last readings, or those near the melting point, are those of few segments."""
+        return self.off_K > _DOUBT_K or self.misfit >= 1.0 or self.told >= _DOUBT_TOLD
+
+    @property
     def heated_s(self) -> float:
         """Time at full power since the start."""
         return sum(heat.passed_s * heat.share for heat, _ in self.since)
@@ -365,8 +370,7 @@ class HeatBelief(ArrayValue):
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())
-        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _DOUBT_TOLD
-        return replace(now, cut=hot or doubted)
+        return replace(now, cut=hot or now.doubted)
 
     def _told(self) -> float:
         """Cost of readings near the melting point where known heat alone makes metal too hot."""
@@ -387,10 +391,10 @@ class HeatBelief(ArrayValue):
     def _begun_anew(self, shown_C: float) -> HeatBelief:
         """Begin anew with what is known by now: it is less certain by the time since."""
         covariance, mean = self.covariance.copy(), self.most_probable
-        mean[-1] = covariance[-1] = covariance[:, -1] = 0.0
+        mean[-2:] = covariance[-2:] = covariance[:, -2:] = 0.0
         passed_s = sum(heat.passed_s for heat, _ in self.since)
         least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
-        least[-1] = _PRIOR
+        least[-2:] = _PRIOR
         covariance += np.diag(least**2)
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
         start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
