@@ -213,8 +213,8 @@ class HeatBelief(ArrayValue):
         return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
-    def doubted(self) -> bool:
-        """True if the last readings, or those near the melting point, are those of few segments."""
+    def unlikely(self) -> bool:
+        """True if readings are those of few healthy segments, or of none."""
         return self.off_K > _DOUBT_K or self.misfit >= 1.0 or self.told >= _DOUBT_TOLD
 
     @property
@@ -243,8 +243,7 @@ class HeatBelief(ArrayValue):
     @property
     def state(self) -> State:
         """Most probable state, as the nominal model's."""
-        state = tuple(float(value[0]) for value in self.fit.segments.state)
-        return self.kinds.nominal.at_level(state, self._estimate(self.fit.segments.level)[0])
+        return self._state_at(self._estimate(self.fit.segments.level)[0])
 
     @property
     def may_be_liquid(self) -> bool:
@@ -257,8 +256,7 @@ class HeatBelief(ArrayValue):
         nominal, low = self.kinds.nominal, self.levels[0]
         if low < nominal.liquid_level:
             return 0.0
-        state = tuple(float(value[0]) for value in self.fit.segments.state)
-        return nominal.time_until(nominal.at_level(state, low), 0.0, nominal.liquid_level)
+        return nominal.time_until(self._state_at(low), 0.0, nominal.liquid_level)
 
     @property
     def surely_solid(self) -> bool:
@@ -272,9 +270,7 @@ class HeatBelief(ArrayValue):
 
     def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        start = self.kinds.start(shown_C, said_C)
-        now = replace(self, start=start, since=(), heat=NONE, square_K2=0.0, cut=False)
-        return now._anew(self.prior.mean)
+        return self._anew(self.kinds.start(shown_C, said_C), self.prior, self.covariance)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
         """Let heat in, and look at a reading, if there is one; most say nothing new."""
@@ -326,9 +322,12 @@ class HeatBelief(ArrayValue):
         (middle,), (slope,) = self.fit.slopes(values)
         return float(middle + slope @ self.step), math.sqrt(float(slope @ self.covariance @ slope))
 
-    def _at_C(self, level: float) -> float:
+    def _state_at(self, level: float) -> State:
         state = tuple(float(value[0]) for value in self.fit.segments.state)
-        return self.kinds.nominal.temperature_C(self.kinds.nominal.at_level(state, level))
+        return self.kinds.nominal.at_level(state, level)
+
+    def _at_C(self, level: float) -> float:
+        return self.kinds.nominal.temperature_C(self._state_at(level))
 
     def _fitted(self, points: Array) -> Fit:
         return _fit(self.kinds, self.start, self.covariance, points, self.since)
@@ -370,7 +369,7 @@ class HeatBelief(ArrayValue):
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())
-        return replace(now, cut=hot or now.doubted)
+        return replace(now, cut=hot or now.unlikely)
 
     def _told(self) -> float:
         """Cost of readings near the melting point where known heat alone makes metal too hot."""
@@ -398,13 +397,12 @@ class HeatBelief(ArrayValue):
         covariance += np.diag(least**2)
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
         start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
-        prior = Prior(mean, _inverse(covariance))
-        now = replace(self, prior=prior, covariance=covariance, start=start, since=())
-        return now._anew(mean)
+        return self._anew(start, Prior(mean, _inverse(covariance)), covariance)
 
-    def _anew(self, mean: Array) -> HeatBelief:
-        fit = self._fitted(mean[None])
-        return replace(self, blind=fit)._about(fit)
+    def _anew(self, start: Start, prior: Prior, covariance: Array) -> HeatBelief:
+        now = replace(self, start=start, prior=prior, covariance=covariance, since=())
+        fit = now._fitted(prior.mean[None])
+        return replace(now, blind=fit)._about(fit)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:

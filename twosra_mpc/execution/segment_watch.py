@@ -315,20 +315,18 @@ class SegmentWatch:
 
     def _check_likeness(self, passed_s: float, here_C: float, belief: HeatBelief) -> None:
         """A reading that no healthy segment shows after so much heat."""
-        rate = 1.0 if belief.misfit >= 1.0 else _DOUBT if belief.doubted else -_TRUST
+        rate = 1.0 if belief.misfit >= 1.0 else _DOUBT if belief.unlikely else -_TRUST
         self._unlike_s = max(0.0, self._unlike_s + rate * passed_s)
         if self._unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        risen_K, above = here_C - self._recent_C[0], here_C > (low_C + high_C) / 2
-        near = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
+        risen_K, above = self.moved_K, here_C > (low_C + high_C) / 2
         alive = self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
-        melts = near and alive  # else what stands still is a sensor that sticks
+        melts = alive and abs(here_C - self._heater.melting_point_C) < _OFF_BY_K  # or it sticks
         if belief.heated_s > 0.0 and here_C <= high_C and self._asked != "rigid":
-            cold_C, dead = belief.start.shown_C + _WARMED_K, ""
-            if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
-                dead = "warm"
+            cold = self._air_C - _WARMED_K < here_C < belief.start.shown_C + _WARMED_K
+            dead = "warm" if cold and abs(risen_K) < _WARMED_K else ""
             if dead := "melt" if melts and abs(risen_K) < _SAME_K else dead:
                 self.belief = None  # one may go on without it, and nobody knows its state
                 words = f"heating does not {dead} it, {words}"
@@ -414,11 +412,8 @@ class SegmentWatch:
     ) -> None:
         """Changes that take longer than the model's times allow, once begun."""
         stretch = self._stretch
-        if (
-            self._asked == "warm"
-            or stiffness == self._asked
-            or (self._asked == "soft" and not heats)
-        ):
+        rests = self._asked == "soft" and not heats
+        if rests or self._asked in ("warm", stiffness):
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C
