@@ -213,9 +213,10 @@ class HeatBelief(ArrayValue):
         return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
-    def unlikely(self) -> bool:
-        """True if readings are those of few healthy segments, or of none."""
-        return self.off_K > _DOUBT_K or self.misfit >= 1.0 or self.told >= _DOUBT_TOLD
+    def doubt(self) -> float:
+        """Doubt in the last readings: 1 where no healthy segment shows them, more than 0 if few."""
+        told = (self.told - _DOUBT_TOLD) / (_UNLIKE_TOLD - _DOUBT_TOLD)
+        return 1.0 if self.misfit >= 1.0 else max(self.square_K2 / _UNLIKE_K**2, told)
 
     @property
     def heated_s(self) -> float:
@@ -369,7 +370,8 @@ class HeatBelief(ArrayValue):
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())
-        return replace(now, cut=hot or now.unlikely)
+        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _DOUBT_TOLD
+        return replace(now, cut=hot or doubted)
 
     def _told(self) -> float:
         """Cost of readings near the melting point where known heat alone makes metal too hot."""

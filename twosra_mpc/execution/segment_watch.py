@@ -50,8 +50,7 @@ _USUAL, _AS_EVER = 200, 1.8  # readings that move, and how much more or less oth
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
-_UNLIKE_S = 3.0  # after which readings that no healthy segment shows are not believed
-_DOUBT, _TRUST = 0.1, 0.05  # of that time: while readings are in doubt, and while they are not
+_UNLIKE_S, _USUAL_DOUBT = 3.0, 0.12  # of what none shows; as healthy ones may be in for long
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _EDGE = 0.4  # share of a period within which a switch changed
@@ -314,9 +313,8 @@ class SegmentWatch:
             self._raise("sensor", words)
 
     def _check_likeness(self, passed_s: float, here_C: float, belief: HeatBelief) -> None:
-        """A reading that no healthy segment shows after so much heat."""
-        rate = 1.0 if belief.misfit >= 1.0 else _DOUBT if belief.unlikely else -_TRUST
-        self._unlike_s = max(0.0, self._unlike_s + rate * passed_s)
+        """Readings that no healthy segment shows after so much heat, or few do for so long."""
+        self._unlike_s = max(0.0, self._unlike_s + (belief.doubt - _USUAL_DOUBT) * passed_s)
         if self._unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
@@ -337,7 +335,8 @@ class SegmentWatch:
         falls = -risen_K >= max(_SAME_K / 2, 5 * self._flicker_K)
         if above and self._asked == "rigid" and (melts or falls):
             self._raise("cooling", f"{words}: it cools too slowly")
-        if above and risen_K >= max(_WARMED_K, 5 * self._flicker_K):
+        rises = here_C >= max(self._recent_C) and risen_K >= max(_WARMED_K, 5 * self._flicker_K)
+        if above and rises:
             if self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
             if here_C > self._heater.soft_setpoint_C + _HELD_K:
@@ -374,8 +373,7 @@ class SegmentWatch:
         limit_C, asked_C = self._heater.temperature_max_C, self._heater.soft_setpoint_C
         if self._asked == "soft" and here_C >= self._stretch.first_C + _RISEN_K / 2:
             limit_C = (asked_C + limit_C) / 2  # it warms on, and the sensor lags
-        hot = here_C >= limit_C
-        self._hot = self._hot + 1 if hot else 0
+        self._hot = self._hot + 1 if here_C >= limit_C else 0
         if self._asked == "rigid":
             enough_K = _RISEN_K / 2 if self._hot else _RISEN_K
             if risen_K >= enough_K:  # since the sensor could show that it is off
