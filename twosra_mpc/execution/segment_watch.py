@@ -411,7 +411,7 @@ class SegmentWatch:
         """Changes that take longer than the model's times allow, once begun."""
         stretch = self._stretch
         rests = self._asked == "soft" and not heats
-        if rests or self._asked in ("warm", stiffness):
+        if rests or self._asked == "warm" or stiffness == self._asked:
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C
