@@ -321,7 +321,7 @@ class SegmentWatch:
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
         risen_K, above = self.moved_K, here_C > (low_C + high_C) / 2
         alive = self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
-        melts = alive and abs(here_C - self._heater.melting_point_C) < _OFF_BY_K  # or it sticks
+        melts = alive and abs(here_C - self._heater.melting_point_C) < _OFF_BY_K  # else it sticks
         if belief.heated_s > 0.0 and here_C <= high_C and self._asked != "rigid":
             cold = self._air_C - _WARMED_K < here_C < belief.start.shown_C + _WARMED_K
             dead = "warm" if cold and abs(risen_K) < _WARMED_K else ""
