@@ -3,12 +3,17 @@
 Metal, sensors and firmware are written anew and share nothing with the simulator: explicit steps of
 the enthalpy, its constants drawn evenly over the robot file's ranges. One firmware switches its
 heater at the set-point and tells no current, the other regulates and does.
+
+A lie matters from when its reading is 5 K off. Of metal that cools it may show too much for longer:
+until it is 5 K above the slowest healthy metal, too, it is what that one would show, and costs no
+more time.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +52,21 @@ class Metal:
         self.melting_C, self.air_C = even("melting_point_C"), air_C
         self.heat_J = ((_WARM_C if warm else air_C) - self.melting_C) * self.solid_J_K
         self.hottest_C = self.temperature_C
+        self._slowest = (
+            ranges["heat_solid_J_per_K"][1],
+            ranges["latent_J"][1],
+            ranges["loss_W_per_K"][0],
+        )
+
+    def slowest(self) -> Metal:
+        """The slowest healthy one that cools from here: as warm, as much of it molten."""
+        slow, above_K = copy(self), self.temperature_C - self.melting_C
+        slow.solid_J_K, slow.latent_J, slow.loss_W_K = self._slowest
+        slow.liquid_J_K *= slow.solid_J_K / self.solid_J_K
+        molten = min(max(self.heat_J / self.latent_J, 0.0), 1.0)
+        each_J_K = slow.liquid_J_K if above_K > 0 else slow.solid_J_K
+        slow.heat_J = molten * slow.latent_J + above_K * each_J_K
+        return slow
 
     @property
     def temperature_C(self) -> float:
@@ -123,6 +143,7 @@ class Segment:
     def __init__(self, robot: Robot, air_C: float, rng: np.random.Generator, warm: bool) -> None:
         """Draw them, and begin at rest, the heater off."""
         self.metal, self._rng = Metal(robot, air_C, rng, warm), rng
+        self.slowest = self.metal.slowest()
         lag_s, one = float(rng.uniform(2.0, 8.0)), float(rng.uniform(0.5, 1.0))
         self._lags_s, self._full_A = (one * lag_s, (1 - one) * lag_s), robot.heater.melt_current_A
         self._lagging = [self.metal.temperature_C] * 2
@@ -139,7 +160,10 @@ class Segment:
 
     def advance(self) -> None:
         """Let a tick pass."""
+        if self.current_A:
+            self.slowest = self.metal.slowest()
         self.metal.advance(self.current_A)
+        self.slowest.advance(self.current_A)
         self._let_A2.append(self.current_A**2)
         touched_C = self.metal.temperature_C
         for k, lag_s in enumerate(self._lags_s):
@@ -149,6 +173,12 @@ class Segment:
         kelvin = touched_C + 273.15  # of a divider: each of its parts a little off
         off = (math.log1p(resistance) - math.log1p(fixed)) / 3950 + beta * (1 / kelvin - 1 / 298.15)
         self.true_C = 1 / (1 / kelvin + off) - 273.15 + _NOISE_C * self._rng.standard_normal()
+
+    @property
+    def matters(self) -> bool:
+        """True if what is shown is too far off."""
+        high_C = max(self.true_C, self.slowest.temperature_C)
+        return not self.true_C - _MATTERS_K < self.shown_C < high_C + _MATTERS_K
 
     def decide(self, setpoint_C: float) -> None:
         """Decide on the current by what the sensor shows, and on what the segment is."""
@@ -182,7 +212,7 @@ class Outcome:
         words: The same in words.
         ended_s: When it ended.
         hottest_C: Of all metal.
-        mattered_s: From when the lie was off by 5 K to the end; NaN if it never was.
+        mattered_s: From when the lie mattered to the end; NaN if it never did.
         melts: Melts that were believed.
         slowest_s: The longest of them.
     """
@@ -258,8 +288,8 @@ def watched(robot: Robot, seed: int, lie: str = "", lasts_s: float = _LONGEST_S)
                 segment.shown_C = true_C = segment.true_C
                 if j < len(lies):
                     segment.shown_C = lies[j].shown_C(now_s, true_C, other.true_C, air_C)
-                    off = now_s >= begins_s and abs(segment.shown_C - true_C) >= _MATTERS_K
-                    mattered_s = now_s if off and math.isnan(mattered_s) else mattered_s
+                    matters = now_s >= begins_s and segment.matters
+                    mattered_s = now_s if matters and math.isnan(mattered_s) else mattered_s
             for segment, setpoint_C in zip(segments, sent_C, strict=True):
                 segment.decide(setpoint_C)
         for segment, host in zip(segments, hosts, strict=True):

@@ -18,6 +18,7 @@ ROBOT = load_robot("2sra-v1")
 AIR_C, FULL_A, SET_C = 25.0, ROBOT.heater.melt_current_A, ROBOT.heater.soft_setpoint_C
 HIGHEST_C = ROBOT.heater.temperature_max_C
 FULL, OFF = Heat(1.0, 1.0), Heat(1.0, 0.0)
+LATEST_S = 60.0
 NEAR_K = 1.5  # thermistors of 1 % parts are as far off
 
 
@@ -25,16 +26,13 @@ def begun() -> HeatBelief:
     return heat_belief(ROBOT, AIR_C, 0, AIR_C)
 
 
-def heated(
-    belief: HeatBelief, metal: Metal, lag_s: float, until_C: float = SET_C, scale: float = 1.0
-) -> HeatBelief:
+def heated(belief: HeatBelief, metal: Metal, lag_s: float, until_C: float = SET_C) -> HeatBelief:
     """Full current until the sensor is at a temperature, or the heater must be off."""
     behind_C = shown_C = metal.temperature_C
     while shown_C < until_C and not belief.cut:
         for _ in range(10):
             metal.advance(FULL_A)
-            aim_C = AIR_C + scale * (metal.temperature_C - AIR_C)
-            behind_C += (aim_C - behind_C) * -math.expm1(-0.2 / lag_s)
+            behind_C += (metal.temperature_C - behind_C) * -math.expm1(-0.2 / lag_s)
             shown_C += (behind_C - shown_C) * -math.expm1(-0.2 / lag_s)  # half the lag each
         belief = belief.take(FULL, shown_C)
     return belief
@@ -94,9 +92,28 @@ def test_no_healthy_robot_is_stopped(seed: int) -> None:
     assert found.hottest_C < 80.0
 
 
-@pytest.mark.parametrize("lie", LIES)
-def test_no_sensor_makes_metal_too_hot(lie: str) -> None:
-    assert watched(ROBOT, 5, lie, lasts_s=700.0).hottest_C <= HIGHEST_C
+# Of the last three few healthy segments show the readings: the heater rests, goes on, and rests.
+@pytest.mark.parametrize(
+    ("lie", "seed"),
+    [*((lie, 5) for lie in LIES), ("creeps", 5026), ("stuck, melting", 5006), ("scaled", 7002)],
+)
+def test_no_sensor_makes_metal_too_hot_or_is_in_doubt_for_long(lie: str, seed: int) -> None:
+    found = watched(ROBOT, seed, lie, lasts_s=700.0)
+    assert found.hottest_C <= HIGHEST_C
+    assert not found.mattered_s > LATEST_S
+
+
+def test_no_healthy_metal_cools_more_slowly_than_the_slowest() -> None:
+    rng = np.random.default_rng(0)
+    for begins_C in (58.0, 62.5, 70.0):
+        metal = Metal(ROBOT, AIR_C, rng, False)
+        while metal.temperature_C < begins_C:
+            metal.advance(FULL_A)
+        slowest = metal.slowest()
+        for _ in range(6000):
+            assert slowest.temperature_C >= metal.temperature_C - 1e-9
+            metal.advance(0.0)
+            slowest.advance(0.0)
 
 
 @pytest.mark.parametrize("stays_C", [25.0, 45.0, 59.5, 61.7, 64.9])
@@ -125,15 +142,6 @@ def test_a_reading_at_the_set_point_makes_no_liquid_of_metal_without_the_heat_fo
     assert not belief.may_be_liquid
     assert belief.cut
     assert belief.misfit > 1.0
-
-
-@pytest.mark.parametrize(("lag_s", "scale"), [(30.0, 1.0), (1e4, 1.0), (4.0, 0.6)])
-def test_a_sensor_that_rises_as_no_metal_does_is_unlike_all(lag_s: float, scale: float) -> None:
-    """One that lags by half a minute, one that stands still, and one that is scaled."""
-    metal = Metal(ROBOT, AIR_C, np.random.default_rng(3), False)
-    belief = heated(begun(), metal, lag_s / 2, scale=scale)
-    assert belief.cut
-    assert metal.hottest_C < HIGHEST_C
 
 
 def test_heat_of_two_times_is_that_of_both() -> None:

@@ -1,7 +1,7 @@
 """Segments whose thermistors lie, and as many that do not: how hot metal gets, what stops a run.
 
-The segments share nothing with the simulator: see `benchmarks.lying`. A lie matters once its
-reading is 5 K off.
+The segments share nothing with the simulator, and lies matter from some time on: see
+`benchmarks.lying`.
 """
 
 from __future__ import annotations

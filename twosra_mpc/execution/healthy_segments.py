@@ -201,10 +201,8 @@ class Segments(ArrayValue):
         steps = max(1, math.ceil(heat.passed_s / (_COOLS_S if heat.off else _STEP_S) - 1e-9))
         step_s, current_A = heat.passed_s / steps, self._current_A(heat)
         between_C, shown_C, half = self.between_C, self.shown_C, sensor.gain / 2
-        untouched_C, caught_up = (
-            model.ambient_C * (1 - sensor.gain),
-            -np.expm1(-step_s / sensor.lags_s),
-        )
+        untouched_C = model.ambient_C * (1 - sensor.gain)
+        caught_up = -np.expm1(-step_s / sensor.lags_s)
         here_C = model.temperature_in(nominal, state)
         for _ in range(steps):
             rates = model.rates_in(nominal, state, here_C, current_A)

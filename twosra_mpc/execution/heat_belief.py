@@ -25,8 +25,8 @@ from twosra_mpc.thermal.model import Array, State
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 20.0  # of the prior; 12 at most in 50 runs of healthy segments that were looked at
-_UNLIKE_TOLD = 10.0  # of readings near the melting point of hot metal; 4.2 of healthy segments
+_UNLIKE_COST = 20.0  # of the prior; 9.3 at most in 142 runs of healthy segments
+_UNLIKE_TOLD = 10.0  # of readings near the melting point of hot metal; 5.5 of healthy segments
 _GAIN = 0.1  # less is not worth a step
 _DOUBT_K, _DOUBT_TOLD = 0.8, 5.0  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
@@ -212,6 +212,12 @@ class HeatBelief(ArrayValue):
         return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
+    def doubt(self) -> float:
+        """Doubt in the last readings: 1 where no healthy segment shows them, more than 0 if few."""
+        told = (self.told - _DOUBT_TOLD) / (_UNLIKE_TOLD - _DOUBT_TOLD)
+        return 1.0 if self.misfit >= 1.0 else max(self.square_K2 / _UNLIKE_K**2, told)
+
+    @property
     def heated_s(self) -> float:
         """Time at full power since the start."""
         return sum(heat.passed_s * heat.share for heat, _ in self.since)
@@ -237,8 +243,7 @@ class HeatBelief(ArrayValue):
     @property
     def state(self) -> State:
         """Most probable state, as the nominal model's."""
-        state = tuple(float(value[0]) for value in self.fit.segments.state)
-        return self.kinds.nominal.at_level(state, self._estimate(self.fit.segments.level)[0])
+        return self._state_at(self._estimate(self.fit.segments.level)[0])
 
     @property
     def may_be_liquid(self) -> bool:
@@ -251,8 +256,7 @@ class HeatBelief(ArrayValue):
         nominal, low = self.kinds.nominal, self.levels[0]
         if low < nominal.liquid_level:
             return 0.0
-        state = tuple(float(value[0]) for value in self.fit.segments.state)
-        return nominal.time_until(nominal.at_level(state, low), 0.0, nominal.liquid_level)
+        return nominal.time_until(self._state_at(low), 0.0, nominal.liquid_level)
 
     @property
     def surely_solid(self) -> bool:
@@ -266,9 +270,7 @@ class HeatBelief(ArrayValue):
 
     def begun(self, shown_C: float, said_C: float) -> HeatBelief:
         """Begin at rest: at the first reading where metal is solid, else as it is said to be."""
-        start = self.kinds.start(shown_C, said_C)
-        now = replace(self, start=start, since=(), heat=NONE, square_K2=0.0, cut=False)
-        return now._anew(self.prior.mean)
+        return self._anew(self.kinds.start(shown_C, said_C), self.prior, self.covariance)
 
     def take(self, heat: Heat, shown_C: float | None) -> HeatBelief:
         """Let heat in, and look at a reading, if there is one; most say nothing new."""
@@ -320,9 +322,12 @@ class HeatBelief(ArrayValue):
         (middle,), (slope,) = self.fit.slopes(values)
         return float(middle + slope @ self.step), math.sqrt(float(slope @ self.covariance @ slope))
 
-    def _at_C(self, level: float) -> float:
+    def _state_at(self, level: float) -> State:
         state = tuple(float(value[0]) for value in self.fit.segments.state)
-        return self.kinds.nominal.temperature_C(self.kinds.nominal.at_level(state, level))
+        return self.kinds.nominal.at_level(state, level)
+
+    def _at_C(self, level: float) -> float:
+        return self.kinds.nominal.temperature_C(self._state_at(level))
 
     def _fitted(self, points: Array) -> Fit:
         return _fit(self.kinds, self.start, self.covariance, points, self.since)
@@ -386,20 +391,19 @@ class HeatBelief(ArrayValue):
     def _begun_anew(self, shown_C: float) -> HeatBelief:
         """Begin anew with what is known by now: it is less certain by the time since."""
         covariance, mean = self.covariance.copy(), self.most_probable
-        mean[-1] = covariance[-1] = covariance[:, -1] = 0.0
+        mean[-2:] = covariance[-2:] = covariance[:, -2:] = 0.0
         passed_s = sum(heat.passed_s for heat, _ in self.since)
         least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
-        least[-1] = _PRIOR
+        least[-2:] = _PRIOR
         covariance += np.diag(least**2)
         metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
         start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
-        prior = Prior(mean, _inverse(covariance))
-        now = replace(self, prior=prior, covariance=covariance, start=start, since=())
-        return now._anew(mean)
+        return self._anew(start, Prior(mean, _inverse(covariance)), covariance)
 
-    def _anew(self, mean: Array) -> HeatBelief:
-        fit = self._fitted(mean[None])
-        return replace(self, blind=fit)._about(fit)
+    def _anew(self, start: Start, prior: Prior, covariance: Array) -> HeatBelief:
+        now = replace(self, start=start, prior=prior, covariance=covariance, since=())
+        fit = now._fitted(prior.mean[None])
+        return replace(now, blind=fit)._about(fit)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:

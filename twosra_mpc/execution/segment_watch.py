@@ -46,12 +46,11 @@ _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
-_USUAL, _AS_EVER = 200, 1.8  # readings, and how much more or less they may flicker than ever
+_USUAL, _AS_EVER = 200, 1.8  # readings that move, and how much more or less others may flicker
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
-_STANDS = 4  # of them that are the same
-_UNLIKE_S = 3.0  # after which a reading that no healthy segment shows is not believed
+_UNLIKE_S, _USUAL_DOUBT = 3.0, 0.12  # of what none shows; as healthy ones may be in for long
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _EDGE = 0.4  # share of a period within which a switch changed
@@ -142,7 +141,7 @@ class SegmentWatch:
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C, self._flicker_K = False, math.inf, 0.0
         self._usual_K, self._readings = 0.0, 0
-        self._recent_s = -math.inf
+        self._recent_s, self._unlike_s = -math.inf, 0.0
         self._recent_C: deque[float] = deque(maxlen=_RECENT)
 
     @property
@@ -213,7 +212,8 @@ class SegmentWatch:
             self._asked, self._stretch = asked, _Stretch(time_s, time_s)
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
-        self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
+        shown_C = temperature_C if sound else None
+        passed_s = self._account_for(time_s, setpoint_C, shown_C, current_A)
         if not sound:
             return
         self._check_life(temperature_C, (self._before_C, self._last_C))
@@ -228,7 +228,7 @@ class SegmentWatch:
         self._check_heat(time_s - stretch.since_s, temperature_C, min(pair_C) - stretch.lowest_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         if self.belief is not None:
-            self._check_likeness(time_s, temperature_C, self.belief)
+            self._check_likeness(passed_s, temperature_C, self.belief)
         heats = self.allowed_C(setpoint_C) >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
         self._check_progress(time_s, temperature_C, stiffness, heats)
@@ -247,14 +247,15 @@ class SegmentWatch:
 
     def _account_for(
         self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
-    ) -> None:
-        """Account for the heat of the time that has passed."""
-        first, before_s, self._taken_s = math.isnan(self._taken_s), self._taken_s, time_s
+    ) -> float:
+        """Account for the heat of the time that has passed, which is returned."""
+        first = math.isnan(self._taken_s)
+        passed_s, self._taken_s = 0.0 if first else time_s - self._taken_s, time_s
         if self.belief is None:
-            return
+            return passed_s
         if first and shown_C is not None:
             self.belief = self.belief.begun(shown_C, self._start_C)
-        heat = self._heat_of(0.0 if first else time_s - before_s, setpoint_C, shown_C, current_A)
+        heat = self._heat_of(passed_s, setpoint_C, shown_C, current_A)
         self.belief = self.belief.take(heat, shown_C)
         if shown_C is not None and time_s >= self._recent_s + _APART_S:
             self._recent_C.append(shown_C)
@@ -263,6 +264,7 @@ class SegmentWatch:
         called_s = self._lasts_s("called", called, time_s)
         sure = self._molten or self.belief.surely_liquid
         self._molten = called and (called_s >= self._longest_s["soft"] or sure)
+        return passed_s
 
     def _heat_of(
         self, passed_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
@@ -303,27 +305,26 @@ class SegmentWatch:
         if math.isfinite(pair_C[0]):
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
             self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
-            self._readings = min(self._readings + 1, _USUAL)
-            self._usual_K += (bend_K - self._usual_K) / self._readings
+            if abs(self.moved_K) >= _WARMED_K:  # else it may be stuck, and err at random
+                self._readings = min(self._readings + 1, _USUAL)
+                self._usual_K += (bend_K - self._usual_K) / self._readings
         if self._flicker_K > _FLICKER_K:
             words = f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
             self._raise("sensor", words)
 
-    def _check_likeness(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
-        """A reading that no healthy segment shows after so much heat."""
-        unlike_s = self._lasts_s("unlike", belief.misfit >= 1.0, time_s, here_C)
-        if unlike_s < _UNLIKE_S:
+    def _check_likeness(self, passed_s: float, here_C: float, belief: HeatBelief) -> None:
+        """Readings that no healthy segment shows after so much heat, or few do for so long."""
+        self._unlike_s = max(0.0, self._unlike_s + (belief.doubt - _USUAL_DOUBT) * passed_s)
+        if self._unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
         words = f"{here_C:z.1f} C, where healthy ones show {low_C:z.0f} to {high_C:z.0f} C"
-        risen_K, above = here_C - self._recent_C[0], here_C > (low_C + high_C) / 2
-        near = abs(here_C - self._heater.melting_point_C) < _OFF_BY_K
+        risen_K, above = self.moved_K, here_C > (low_C + high_C) / 2
         alive = self._usual_K / _AS_EVER <= self._flicker_K <= self._usual_K * _AS_EVER
-        melts = near and alive  # else what stands still is a sensor that sticks
+        melts = alive and abs(here_C - self._heater.melting_point_C) < _OFF_BY_K  # else it sticks
         if belief.heated_s > 0.0 and here_C <= high_C and self._asked != "rigid":
-            cold_C, dead = belief.start.shown_C + _WARMED_K, ""
-            if abs(risen_K) < _WARMED_K and self._air_C - _WARMED_K < here_C < cold_C:
-                dead = "warm"
+            cold = self._air_C - _WARMED_K < here_C < belief.start.shown_C + _WARMED_K
+            dead = "warm" if cold and abs(risen_K) < _WARMED_K else ""
             if dead := "melt" if melts and abs(risen_K) < _SAME_K else dead:
                 self.belief = None  # one may go on without it, and nobody knows its state
                 words = f"heating does not {dead} it, {words}"
@@ -331,11 +332,11 @@ class SegmentWatch:
         if self._asked == "soft" and not above:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
-        stands = len({*list(self._recent_C)[-_STANDS:]}) == 1  # to the last digit
-        moves = abs(risen_K) >= max(_SAME_K / 2, 5 * self._flicker_K)
-        if above and not stands and self._asked == "rigid" and (melts or (moves and risen_K <= 0)):
+        falls = -risen_K >= max(_SAME_K / 2, 5 * self._flicker_K)
+        if above and self._asked == "rigid" and (melts or falls):
             self._raise("cooling", f"{words}: it cools too slowly")
-        if above and not stands and moves and risen_K > 0.0:
+        rises = here_C >= max(self._recent_C) and risen_K >= max(_WARMED_K, 5 * self._flicker_K)
+        if above and rises:
             if self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
             if here_C > self._heater.soft_setpoint_C + _HELD_K:
@@ -372,8 +373,7 @@ class SegmentWatch:
         limit_C, asked_C = self._heater.temperature_max_C, self._heater.soft_setpoint_C
         if self._asked == "soft" and here_C >= self._stretch.first_C + _RISEN_K / 2:
             limit_C = (asked_C + limit_C) / 2  # it warms on, and the sensor lags
-        hot = here_C >= limit_C
-        self._hot = self._hot + 1 if hot else 0
+        self._hot = self._hot + 1 if here_C >= limit_C else 0
         if self._asked == "rigid":
             enough_K = _RISEN_K / 2 if self._hot else _RISEN_K
             if risen_K >= enough_K:  # since the sensor could show that it is off
@@ -410,11 +410,8 @@ class SegmentWatch:
     ) -> None:
         """Changes that take longer than the model's times allow, once begun."""
         stretch = self._stretch
-        if (
-            self._asked == "warm"
-            or stiffness == self._asked
-            or (self._asked == "soft" and not heats)
-        ):
+        rests = self._asked == "soft" and not heats
+        if rests or self._asked == "warm" or stiffness == self._asked:
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C
