@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from copy import copy
 from typing import Any
 
@@ -392,10 +392,11 @@ def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> st
     return f"{who}{here} (clearance_m = {1e3 * problem.clearance_m:zg} mm{uncertain})"
 
 
-def check_obstacles(problem: Problem) -> None:
+def check_obstacles(problem: Problem, touched: Container[str] = ()) -> None:
     """Refuse a start that overlaps an obstacle, and a goal that is nearer to one than it may be.
 
-    Only a goal that leaves little choice is: if that holds of its middle and of all its corners.
+    Only a goal that leaves little choice is: if that holds of its middle and of all its corners. A
+    start may overlap what is ``touched``, by name, as much as a plan may.
 
     Raises:
         InputError: Naming the end, the obstacles, and how deep the deepest point of either lies in
@@ -405,11 +406,12 @@ def check_obstacles(problem: Problem) -> None:
         return
     around = Surroundings(problem.world, problem.robot.geometry)
     at_start = np.maximum(around.each_m(problem.start.configuration), 0.0)
+    overlap = np.array([-OVERLAP_M if name in touched else 0.0 for name in around.names])
     asked = problem.clearance_m + uncertain_m(problem)
     found = []
     for name, q in ends_to_check(problem):
-        needed = np.zeros_like(at_start) if name == "start" else kept_from_m(at_start, asked)
-        if (around.distances_m(q) > needed.max()).any():
+        needed = overlap if name == "start" else kept_from_m(at_start, asked)
+        if (around.distances_m(q) > max(needed.max(), 0.0)).any():
             continue
         each = np.array([around.each_m(one) for one in q])
         if (each < needed - DRAWN_M).any(axis=1).all():
@@ -422,7 +424,7 @@ def check_obstacles(problem: Problem) -> None:
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
     """Requirement that an end of a problem breaks: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
-    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -DRAWN_M]
+    hit = [f"{name} by {-1e3 * m:.1g} mm" for name, m, most in named if m < min(most, 0) - DRAWN_M]
     if hit:
         return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
     near = [

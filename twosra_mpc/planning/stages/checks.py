@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twosra_mpc.checking.clearance import check_apart, check_obstacles
+from twosra_mpc.checking.sweep import touched_in
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.goals import Anywhere
@@ -38,7 +39,8 @@ def check_mission(problem: Problem) -> None:
     if problem.objects:
         there = problem.world_with(poses).obstacles
         rest = Anywhere(mode=robot.rigid)
-        check_obstacles(problem.with_values(**alone, goal=rest, obstacles=there))
+        standing = problem.with_values(**alone, goal=rest, obstacles=there)
+        check_obstacles(standing, touched_in(problem, 0))
     for i, task in enumerate(problem.tasks):
         if task.ends_in is not None:
             reached = problem.with_values(**alone, goal=task.ends_in)
