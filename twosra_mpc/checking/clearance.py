@@ -424,7 +424,7 @@ def check_obstacles(problem: Problem, touched: Container[str] = ()) -> None:
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
     """Requirement that an end of a problem breaks: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
-    hit = [f"{name} by {-1e3 * m:.1g} mm" for name, m, most in named if m < min(most, 0) - DRAWN_M]
+    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, most in named if m < min(most, 0) - DRAWN_M]
     if hit:
         return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
     near = [
