@@ -392,19 +392,21 @@ def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> st
     return f"{who}{here} (clearance_m = {1e3 * problem.clearance_m:zg} mm{uncertain})"
 
 
-def check_obstacles(problem: Problem, touched: Container[str] = ()) -> None:
+def check_obstacles(
+    problem: Problem, things: Sequence[Obstacle] = (), touched: Container[str] = ()
+) -> None:
     """Refuse a start that overlaps an obstacle, and a goal that is nearer to one than it may be.
 
-    Only a goal that leaves little choice is: if that holds of its middle and of all its corners. A
-    start may overlap what is ``touched``, by name, as much as a plan may.
+    Only a goal that leaves little choice is: if that holds of its middle and of all its corners.
+    Objects are ``things``. A start may overlap what is ``touched``, by name, as much as plans may.
 
     Raises:
         InputError: Naming the end, the obstacles, and how deep the deepest point of either lies in
             the other, or what is missing of ``clearance_m``.
     """
-    if not problem.obstacles:
+    if not (problem.obstacles or things):
         return
-    around = Surroundings(problem.world, problem.robot.geometry)
+    around = Surroundings(problem.world, problem.robot.geometry, things)
     at_start = np.maximum(around.each_m(problem.start.configuration), 0.0)
     overlap = np.array([-OVERLAP_M if name in touched else 0.0 for name in around.names])
     asked = problem.clearance_m + uncertain_m(problem)

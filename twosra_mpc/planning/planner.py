@@ -131,7 +131,7 @@ def _plan(
         from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
         from twosra_mpc.checking.sweep import touched_in
 
-        check_obstacles(problem, touched_in(problem, 0))
+        check_obstacles(problem, (), touched_in(problem, 0))
     if problem.is_mission:
         from twosra_mpc.planning.stages.checks import check_mission
 

@@ -37,10 +37,9 @@ def check_mission(problem: Problem) -> None:
     start = problem.start.with_values(holding=None) if held else problem.start
     alone = {"start": start, "tasks": (), "objects": ()}
     if problem.objects:
-        there = problem.world_with(poses).obstacles
-        rest = Anywhere(mode=robot.rigid)
-        standing = problem.with_values(**alone, goal=rest, obstacles=there)
-        check_obstacles(standing, touched_in(problem, 0))
+        things = [o.at(at) for o, at in zip(problem.objects, poses, strict=True) if at is not None]
+        standing = problem.with_values(**alone, goal=Anywhere(mode=robot.rigid))
+        check_obstacles(standing, things, touched_in(problem, 0))
     for i, task in enumerate(problem.tasks):
         if task.ends_in is not None:
             reached = problem.with_values(**alone, goal=task.ends_in)
