@@ -21,7 +21,6 @@ from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, sagitt
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.planning.stages.checks import check_mission
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, entered_s
 from twosra_mpc.problem.tasks import Pass
@@ -351,7 +350,7 @@ def test_a_start_may_overlap_what_its_task_takes_as_much_as_a_plan_may(
     x_m, y_m = middle + deep_m * (met - middle) / np.linalg.norm(met - middle)
     moved = cylinder.with_values(pose={"x_m": x_m, "y_m": y_m})
     with pytest.raises(InputError, match="overlaps cylinder") if refused else nullcontext():
-        check_mission(rest.with_values(objects=[moved]))
+        check_obstacles(rest.with_values(objects=[moved]))
 
 
 def test_how_deep_is_the_deepest_point() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from typing import Any
 
@@ -16,7 +16,16 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import paths
-from twosra_mpc.checking.sweep import CHORDS, Clearance, Stage, Sweep, least, sagitta_m, uncertain_m
+from twosra_mpc.checking.sweep import (
+    CHORDS,
+    Clearance,
+    Stage,
+    Sweep,
+    least,
+    sagitta_m,
+    touched_in,
+    uncertain_m,
+)
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried
@@ -392,28 +401,31 @@ def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> st
     return f"{who}{here} (clearance_m = {1e3 * problem.clearance_m:zg} mm{uncertain})"
 
 
-def check_obstacles(
-    problem: Problem, things: Sequence[Obstacle] = (), touched: Container[str] = ()
-) -> None:
-    """Refuse a start that overlaps an obstacle, and a goal that is nearer to one than it may be.
+def check_obstacles(problem: Problem) -> None:
+    """Refuse a start that overlaps something, and a goal that is too near to an obstacle.
 
-    Only a goal that leaves little choice is: if that holds of its middle and of all its corners.
-    Objects are ``things``. A start may overlap what is ``touched``, by name, as much as plans may.
+    Only a goal that leaves little choice is: if that holds of its middle and of all its corners. A
+    start may overlap what its first task takes as much as a plan may.
 
     Raises:
         InputError: Naming the end, the obstacles, and how deep the deepest point of either lies in
             the other, or what is missing of ``clearance_m``.
     """
-    if not (problem.obstacles or things):
-        return
-    around = Surroundings(problem.world, problem.robot.geometry, things)
-    at_start = np.maximum(around.each_m(problem.start.configuration), 0.0)
-    overlap = np.array([-OVERLAP_M if name in touched else 0.0 for name in around.names])
-    asked = problem.clearance_m + uncertain_m(problem)
-    found = []
+    held, found = problem.start.holding, list[InputError]()
+    things = [each.at(each.pose.pose) for each in problem.objects if each.name != held]
+    obstacles, asked = (
+        (problem.world, problem.robot.geometry),
+        problem.clearance_m + uncertain_m(problem),
+    )
     for name, q in ends_to_check(problem):
-        needed = overlap if name == "start" else kept_from_m(at_start, asked)
-        if (around.distances_m(q) > max(needed.max(), 0.0)).any():
+        if name == "start":
+            around, touched = Surroundings(*obstacles, things), touched_in(problem, 0)
+            needed = np.array([-OVERLAP_M if each in touched else 0.0 for each in around.names])
+        else:
+            around = Surroundings(*obstacles)
+            own_m = np.maximum(around.each_m(problem.start.configuration), 0.0)
+            needed = kept_from_m(own_m, asked)
+        if (around.distances_m(q) > needed.max(initial=0.0)).any():
             continue
         each = np.array([around.each_m(one) for one in q])
         if (each < needed - DRAWN_M).any(axis=1).all():

@@ -127,11 +127,10 @@ def _plan(
 ) -> Result:
     check_shapes(problem)
     check_workspace(problem)
-    if problem.obstacles:
+    if problem.obstacles or problem.objects:
         from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
-        from twosra_mpc.checking.sweep import touched_in
 
-        check_obstacles(problem, (), touched_in(problem, 0))
+        check_obstacles(problem)
     if problem.is_mission:
         from twosra_mpc.planning.stages.checks import check_mission
 

@@ -7,10 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from twosra_mpc.checking.clearance import check_apart, check_obstacles
-from twosra_mpc.checking.sweep import touched_in
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.ends import check_shapes, check_workspace
-from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import POSE
@@ -36,10 +34,6 @@ def check_mission(problem: Problem) -> None:
     poses = [None if item.name == held else item.pose.pose for item in problem.objects]
     start = problem.start.with_values(holding=None) if held else problem.start
     alone = {"start": start, "tasks": (), "objects": ()}
-    if problem.objects:
-        things = [o.at(at) for o, at in zip(problem.objects, poses, strict=True) if at is not None]
-        standing = problem.with_values(**alone, goal=Anywhere(mode=robot.rigid))
-        check_obstacles(standing, things, touched_in(problem, 0))
     for i, task in enumerate(problem.tasks):
         if task.ends_in is not None:
             reached = problem.with_values(**alone, goal=task.ends_in)
