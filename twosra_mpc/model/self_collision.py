@@ -126,13 +126,13 @@ class SelfCollision:
         """
         segments, lengths_m = 2 * np.arange(body.geometry.segments) + 1, body.geometry.lengths_m
         arcs_m = np.where(places % 2, turned_rad, 0.0) / body.limits.curvature_per_m
-        own = arcs_m * np.minimum(
-            arcs_m + self._radii_m + body.geometry.fibre_radius_m, self.reach_m
+        far_m = arcs_m + self._radii_m + body.geometry.fibre_radius_m
+        own, between = arcs_m * np.minimum(far_m, self.reach_m), self.reach_m * np.array(lengths_m)
+        first, second = (places[ends, None] - segments for ends in (self._first, self._second))
+        found: Array = between * ((first < 0) & (second > 0))
+        found += own[1, self._first, None] * (first == 0) + own[0, self._second, None] * (
+            second == 0
         )
-        ahead, behind = (places[ends, None] for ends in (self._first, self._second))
-        found: Array = ((ahead < segments) & (segments < behind)) * self.reach_m * lengths_m
-        for end, at, of in ((1, ahead, self._first), (0, behind, self._second)):
-            found += (at == segments) * own[end, of, None]
         return found
 
     def _separations(self, kappa: Array) -> Array:
