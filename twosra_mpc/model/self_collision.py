@@ -126,14 +126,12 @@ class SelfCollision:
         """
         segments, lengths_m = 2 * np.arange(body.geometry.segments) + 1, body.geometry.lengths_m
         arcs_m = np.where(places % 2, turned_rad, 0.0) / body.limits.curvature_per_m
-        far_m = arcs_m + self._radii_m + body.geometry.fibre_radius_m
-        own, between = arcs_m * np.minimum(far_m, self.reach_m), self.reach_m * np.array(lengths_m)
+        far_m = np.minimum(arcs_m + self._radii_m + body.geometry.fibre_radius_m, self.reach_m)
+        own: Array = arcs_m * far_m
         first, second = (places[ends, None] - segments for ends in (self._first, self._second))
-        found: Array = between * ((first < 0) & (second > 0))
-        found += own[1, self._first, None] * (first == 0) + own[0, self._second, None] * (
-            second == 0
-        )
-        return found
+        between = self.reach_m * np.array(lengths_m) * ((first < 0) & (second > 0))
+        ends = own[1, self._first, None] * (first == 0) + own[0, self._second, None] * (second == 0)
+        return np.asarray(between + ends)
 
     def _separations(self, kappa: Array) -> Array:
         rectangles = self._at(kappa)
