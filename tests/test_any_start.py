@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from once import planned
 from problems import ROBOT, bound_of, network_of, only_goal, random_problem
 
 from twosra_mpc import InputError, Plan, Problem, load_robot, plan
@@ -115,6 +116,21 @@ def test_what_is_left_of_a_plan_takes_what_was_left(seed: int, timing: str) -> N
         left = made.duration_s - t
         assert again.lower_bound <= left + 1e-3
         assert again.duration_s <= left / (1 - problem.gap) + 1e-3
+
+
+@pytest.mark.parametrize("share", [0.3, 0.75])
+@pytest.mark.parametrize("scenario", ["pick-and-place", "grasp-cube"])
+def test_what_is_left_of_a_mission_has_a_plan_above_its_bound(scenario: str, share: float) -> None:
+    """The robot has closed around its object, and its metal is not rigid yet: it need only wait.
+
+    It touches what it takes, and was refused for that; or had to open again, by a false proof.
+    """
+    made = planned(scenario)
+    left_s = (1 - share) * made.duration_s
+    again = plan(made.rest_at(share * made.duration_s)).require()
+    assert again.lower_bound is not None
+    assert again.lower_bound <= left_s + 1e-3
+    assert again.duration_s <= 1.1 * left_s
 
 
 @pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2"])

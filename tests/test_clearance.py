@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -14,7 +15,7 @@ from once import planned
 
 import twosra_mpc.checking.sweep as sweep_module
 from twosra_mpc import InputError, Problem, load_problem, load_robot, plan
-from twosra_mpc.checking.clearance import Surroundings, _drawn, check_obstacles
+from twosra_mpc.checking.clearance import Surroundings, _drawn, check_obstacles, touching
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, sagitta_m, swept
 from twosra_mpc.checking.verification import verify
@@ -334,6 +335,22 @@ def test_ends_that_overlap_are_named() -> None:
     assert "obstacle 3 by" in str(caught.value)
     with pytest.raises(InputError, match=r"^goal = "):
         check_obstacles(problem.with_values(obstacles=[at_goal]))
+
+
+@pytest.mark.parametrize(("deep_m", "refused"), [(-1e-4, False), (4e-4, False), (2e-3, True)])
+def test_a_start_may_overlap_what_its_task_takes_as_much_as_a_plan_may(
+    deep_m: float, refused: bool
+) -> None:
+    """Along a cylinder that is drawn as finely as verification does, not as obstacles are."""
+    made = planned("conform-cylinder")
+    rest = made.rest_at(0.95 * made.duration_s)
+    q, (cylinder,) = rest.start.configuration, rest.objects
+    middle = cylinder.pose.pose[:2]
+    _, _, (met, _) = touching(rest, cylinder.at(cylinder.pose.pose)).nearest(q)
+    x_m, y_m = middle + deep_m * (met - middle) / np.linalg.norm(met - middle)
+    moved = cylinder.with_values(pose={"x_m": x_m, "y_m": y_m})
+    with pytest.raises(InputError, match="overlaps cylinder") if refused else nullcontext():
+        check_obstacles(rest.with_values(objects=[moved]))
 
 
 def test_how_deep_is_the_deepest_point() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from once import solved
 
-from twosra_mpc import Problem, Status, effort, load_problem, plan, scenario_names
+from twosra_mpc import Problem, Status, effort, load_problem, load_robot, plan, scenario_names
 from twosra_mpc.effort import (
     OVERTIME,
     OVERTIME_S,
@@ -34,6 +34,10 @@ from twosra_mpc.effort import (
 from twosra_mpc.planning.solver import fixed_sequence
 from twosra_mpc.planning.solver.multiple_shooting import ipopt
 from twosra_mpc.plans.result import Result
+from twosra_mpc.problem.world import Obstacle, World
+from twosra_mpc.space.minkowski import obstacle_parts
+from twosra_mpc.space.possible import blocked_unit
+from twosra_mpc.space.separation import Surroundings
 
 UNIT = 10_000  # of `Cost.KEPT`, which is the smallest
 
@@ -253,3 +257,25 @@ def test_every_cost_is_a_whole_number_that_counts() -> None:
     costs = {name: cost for name, cost in vars(Cost).items() if not name.startswith("_")}
     assert all(isinstance(cost, int) and cost > 0 for cost in costs.values())
     assert effort.Cost.KEPT == min(costs.values()) == 1
+
+
+def fine_outline(corners: int = 400) -> Obstacle:
+    """A rough disc, drawn with many corners."""
+    rng, angles = np.random.default_rng(1), np.linspace(0.0, 2 * np.pi, corners, endpoint=False)
+    radii = 0.05 * (1 + rng.uniform(-0.02, 0.02, corners))
+    points = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return Obstacle(polygon_m=tuple(map(tuple, points.tolist())))
+
+
+@pytest.mark.parametrize("name", ["merged", "parts", "grown"])
+def test_what_fine_outlines_cost_is_charged_as_it_is_done(name: str) -> None:
+    """Forty of them took half a minute more than a limit of 3 s, and half a gigabyte."""
+    world, geometry = World(obstacles=[fine_outline()]), load_robot("2sra-v1").geometry
+    begin, end = np.zeros(5), np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+    work = {
+        "merged": lambda: obstacle_parts(world.obstacles, inner=True),
+        "parts": lambda: Surroundings(world, 0.002),
+        "grown": lambda: blocked_unit(geometry, world, begin, end, 0.0),
+    }
+    with pytest.raises(OutOfEffortError), limited(2.0 - OVERTIME, math.inf):
+        work[name]()

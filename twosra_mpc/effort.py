@@ -61,6 +61,9 @@ class Cost:
     LEG = 1  # a coordinate of a leg whose time is asked
     TOUCH = 400  # a configuration at an outline
     SLICE = 1500  # what is free at a heading
+    CORNER = 1000  # of an outline that is grown
+    PART = 300  # of an obstacle, convex
+    MERGE = 1000  # of two convex parts of an obstacle, or that they are none
     SUM = 300  # of two convex pieces, and its share of their union
     MEETING = 280  # two parts of neighbouring slices
     ROAD = 28  # a node of a map of roads

@@ -16,7 +16,16 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import paths
-from twosra_mpc.checking.sweep import CHORDS, Clearance, Stage, Sweep, least, sagitta_m, uncertain_m
+from twosra_mpc.checking.sweep import (
+    CHORDS,
+    Clearance,
+    Stage,
+    Sweep,
+    least,
+    sagitta_m,
+    touched_in,
+    uncertain_m,
+)
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried
@@ -390,23 +399,30 @@ def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> st
 
 
 def check_obstacles(problem: Problem) -> None:
-    """Refuse a start that overlaps an obstacle, and a goal that is nearer to one than it may be.
+    """Refuse a start that overlaps something, and a goal that is too near to an obstacle.
 
-    Only a goal that leaves little choice is: if that holds of its middle and of all its corners.
+    Only a goal that leaves little choice is: if that holds of its middle and of all its corners. A
+    start may overlap what its first task takes as much as a plan may.
 
     Raises:
         InputError: Naming the end, the obstacles, and how deep the deepest point of either lies in
             the other, or what is missing of ``clearance_m``.
     """
-    if not problem.obstacles:
-        return
-    around = Surroundings(problem.world, problem.robot.geometry)
-    at_start = np.maximum(around.each_m(problem.start.configuration), 0.0)
-    asked = problem.clearance_m + uncertain_m(problem)
-    found = []
+    held, found = problem.start.holding, list[InputError]()
+    things = [each.at(each.pose.pose) for each in problem.objects if each.name != held]
+    obstacles, asked = (
+        (problem.world, problem.robot.geometry),
+        problem.clearance_m + uncertain_m(problem),
+    )
     for name, q in ends_to_check(problem):
-        needed = np.zeros_like(at_start) if name == "start" else kept_from_m(at_start, asked)
-        if (around.distances_m(q) > needed.max()).any():
+        if name == "start":
+            around, touched = Surroundings(*obstacles, things), touched_in(problem, 0)
+            needed = np.array([-OVERLAP_M if each in touched else 0.0 for each in around.names])
+        else:
+            around = Surroundings(*obstacles)
+            own_m = np.maximum(around.each_m(problem.start.configuration), 0.0)
+            needed = kept_from_m(own_m, asked)
+        if (around.distances_m(q) > needed.max(initial=0.0)).any():
             continue
         each = np.array([around.each_m(one) for one in q])
         if (each < needed - DRAWN_M).any(axis=1).all():
@@ -419,7 +435,7 @@ def check_obstacles(problem: Problem) -> None:
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
     """Requirement that an end of a problem breaks: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
-    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -DRAWN_M]
+    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, most in named if m < min(most, 0) - DRAWN_M]
     if hit:
         return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
     near = [

@@ -62,6 +62,8 @@ class SelfCollision:
         bound: Kappa (n,) -> lower bound of the least distance between parts [m].
         reach_m: No point of a part moves by more than this, times the angle by which segments bend
             more, as seen from another part.
+        eased_m2: How much less the two of a pair overlap, at most, per curvature of each segment,
+            (pairs, n): only what bends between them counts.
     """
 
     def __init__(self, body: Body) -> None:
@@ -79,6 +81,7 @@ class SelfCollision:
         kept = separation(straight[:, first], straight[:, second]) > 0
         kept |= places[second] - places[first] != 1  # else it is mounted above its own segment
         self._first, self._second = first[kept], second[kept]
+        self.eased_m2 = self._eased_m2(body, places, np.hstack([part.turned_rad for part in parts]))
         circles = {
             (id(part_of[i].around), id(part_of[k].around)): (part_of[i].around, part_of[k].around)
             for i, k in zip(self._first, self._second, strict=True)
@@ -111,6 +114,22 @@ class SelfCollision:
         found = self.separations(kappa[None])[0]
         k = int(found.argmin())
         return self.names[self._first[k]], self.names[self._second[k]], float(found[k])
+
+    def _eased_m2(self, body: Body, places: Array, turned_rad: Array) -> Array:
+        """As ``eased_m2``: what points of one travel at most, as seen from the other.
+
+        That holds for overlaps, which are the least way out. To a chord only the arc s up to its
+        far end counts: it travels by s (s / 2 + its radius), and grows by less than s (s / 2 + the
+        radius of the fibre).
+        """
+        segments, lengths_m = 2 * np.arange(body.geometry.segments) + 1, body.geometry.lengths_m
+        arcs_m = np.where(places % 2, turned_rad, 0.0) / body.limits.curvature_per_m
+        far_m = np.minimum(arcs_m + self._radii_m + body.geometry.fibre_radius_m, self.reach_m)
+        own: Array = arcs_m * far_m
+        first, second = (places[ends, None] - segments for ends in (self._first, self._second))
+        between = self.reach_m * np.array(lengths_m) * ((first < 0) & (second > 0))
+        ends = own[1, self._first, None] * (first == 0) + own[0, self._second, None] * (second == 0)
+        return np.asarray(between + ends)
 
     def _separations(self, kappa: Array) -> Array:
         rectangles = self._at(kappa)

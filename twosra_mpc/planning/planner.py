@@ -126,7 +126,7 @@ def _plan(
 ) -> Result:
     check_shapes(problem)
     check_workspace(problem)
-    if problem.obstacles:
+    if problem.obstacles or problem.objects:
         from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
 
         check_obstacles(problem)

@@ -60,6 +60,9 @@ def plan_title(plan: Plan) -> str:
     return f"{sequence} in {planned_words(plan)}: {planner}{plan.status}\n{quality(plan)}"
 
 
+_CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+
+
 def phase_rows(samples: Samples, phase: Phase) -> Array:
     """Configurations of a phase, both ends included, (rows, 3 + n)."""
     low, high = np.searchsorted(samples.t_s, (phase.start_s - 1e-9, phase.end_s + 1e-9))
@@ -138,11 +141,13 @@ def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
     middle = (low + high) / 2
     ax.dataLim.set_points(np.array([middle - half, middle + half]))
     ax.autoscale_view()
-    left, bottom = (middle - half).tolist()
-    ax.plot([left, left + 0.05], [bottom] * 2, c="0.2", lw=2.0, solid_capstyle="butt", zorder=9)
+    path = plan.trajectory.configuration(np.linspace(stage.from_s, stage.to_s, 100))[:, :2]
+    bars = middle + _CORNERS * (half - np.array([0.025, 0.0]))  # of these the farthest from it
+    x, y = bars[np.linalg.norm(path - bars[:, None], axis=2).min(axis=1).argmax()].tolist()
+    ax.plot([x - 0.025, x + 0.025], [y] * 2, c="0.2", lw=2.0, solid_capstyle="butt", zorder=9)
     words: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7}
     words |= {"color": "0.2", "zorder": 8.9, "bbox": figures.BEHIND_WORDS}
-    ax.annotate("50 mm", (left + 0.025, bottom), (0, 3), **words)
+    ax.annotate("50 mm", (x, y), (0, 3), **words)
 
 
 def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import unit_of
 from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.self_collision import self_collision
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Alone, Problem
@@ -154,7 +155,7 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
     most = body.limits.curvature_per_m
     lower, upper = np.clip([low, high], -most, most)
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
-    names, steep, steepest = _steepness(body, bool(half.any()))
+    own, (names, steep, steepest) = self_collision(body), _steepness(body, bool(half.any()))
     while 0 < len(middles) <= _MOST:
         margins = limits.shape_margins(body, middles)
         margin = np.array([margins[name] for name in names])
@@ -165,6 +166,9 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
         if least >= 0:
             break
         possible = (margin + (steep @ half)[:, None] >= 0).all(axis=0)
+        meet = possible & (margins[BODY_GAP.name] < 0)
+        left_m = own.separations(middles[meet]) + own.eased_m2 @ half
+        possible[meet] = (left_m >= -BODY_GAP.rounding).all(axis=1)
         widest = np.eye(len(half))[(half * body.geometry.lengths_m).argmax()]
         half = half * (1 - widest / 2)
         aside = _SIDES * half * widest

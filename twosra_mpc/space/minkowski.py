@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import shapely
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
@@ -53,21 +54,25 @@ def _smoother(corners: Array, within_m: float) -> Array:
 
 def merged(pieces: Sequence[Array]) -> list[Array]:
     """The same union in fewer convex pieces: those whose union is convex become one."""
-    found: list[Array] = []
+    found, boxes = list[Array](), np.zeros((0, 2, 2))
     for piece in pieces:
-        while (other := _partner(piece, found)) is not None:
+        while (other := _partner(piece, found, boxes)) is not None:
             piece = _corners([_hull(piece, found.pop(other))])[0]
+            boxes = np.delete(boxes, other, axis=0)
         found.append(piece)
+        boxes = np.concatenate([boxes, [[piece.min(axis=0), piece.max(axis=0)]]])
     return found
 
 
-def _partner(piece: Array, others: Sequence[Array]) -> int | None:
-    for i, other in enumerate(others):
-        near = (piece.min(axis=0) <= other.max(axis=0) + 1e-9).all()
-        if near and (other.min(axis=0) <= piece.max(axis=0) + 1e-9).all():
-            union = shapely.union(shapely.polygons(piece), shapely.polygons(other))
-            if shapely.area(_hull(piece, other)) - shapely.area(union) < _OFF_M2:
-                return i
+def _partner(piece: Array, others: Sequence[Array], boxes: Array) -> int | None:
+    """The first that is near enough, by least and largest (x, y) of each, (m, 2, 2), and fits."""
+    low, high = piece.min(axis=0), piece.max(axis=0)
+    near = (low <= boxes[:, 1] + 1e-9) & (boxes[:, 0] <= high + 1e-9)
+    for i in np.flatnonzero(near.all(axis=1)).tolist():
+        charge(Cost.MERGE)
+        union = shapely.union(shapely.polygons(piece), shapely.polygons(others[i]))
+        if shapely.area(_hull(piece, others[i])) - shapely.area(union) < _OFF_M2:
+            return i
     return None
 
 

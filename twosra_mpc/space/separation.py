@@ -156,6 +156,7 @@ class _Part:
     """A convex part of an obstacle: corners, outward normals, and how far it reaches on them."""
 
     def __init__(self, corners: Array) -> None:
+        charge(Cost.PART)
         self.corners = corners
         self.normals, self.reach = _normals(corners)
 

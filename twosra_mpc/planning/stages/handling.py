@@ -21,6 +21,7 @@ from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.convex import quadrangles
+from twosra_mpc.space.footprint import footprint
 
 GRASP_GAP_M = 5e-4  # between the robot and what it closes around
 _PUT_HEADINGS = 8  # of an object that is put down at any
@@ -118,7 +119,8 @@ class Handling:
             placement = self._touching(at, stage, _shape(touch.kappa), ends)
             if task.hold == "caged":  # it gets in no more than out
                 entries = tuple(self._opened(touch.kappa, share) for share in _OPEN)
-                placement = replace(placement, reshapes=True, entries=entries)
+                outside = bool(at.placements) or self._apart(touch.kappa, thing, at.poses[number])
+                placement = replace(placement, reshapes=outside, entries=entries)
             apart = thing.disc is not None and self._turned_as_asked(task.object)
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = at.after(replace(placement, ends=some))
@@ -126,6 +128,13 @@ class Handling:
                 pose_in_b0 = touch.pose_in_b0 if where is None else where
                 hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
+        """True if at the start the object is too far away to be in a robot of that shape."""
+        away = composed(inverse(self.problem.start.configuration[:POSE]), pose)
+        size_m = np.linalg.norm(thing.own.corners_m, axis=1).max()
+        reach_m = footprint(self.problem.robot.geometry, kappa).radius_m + size_m
+        return bool(np.hypot(*away[:2]) > reach_m)
 
     def _touching(self, at: State, stage: Stage, shape: Goal, ends: Ends) -> Placement:
         """The stage that ends in touch with a thing: there it bends, and drives no more."""

@@ -6,30 +6,24 @@ search tells variants apart, and within one the places are tried, the nearest on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort
+from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass, Stage, Task, orders
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array, composed
+from twosra_mpc.space.footprint import SAGITTA_M
 
 if TYPE_CHECKING:
     from twosra_mpc.planning.stages.handling import Handling
-
-
-from collections.abc import Callable
-from dataclasses import dataclass, field
-
-from numpy.typing import NDArray
-
-from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
-from twosra_mpc.space.footprint import SAGITTA_M
 
 May = Callable[[Array], NDArray[np.bool_]]  # twists (m, 3) -> which of them drives may have
 
