@@ -11,6 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -230,6 +231,20 @@ def test_a_table_in_a_pipe_is_what_rich_draws(
     drawn.print(table)
     assert isinstance(drawn.file, io.StringIO)
     assert capsys.readouterr().out == drawn.file.getvalue()
+
+
+@pytest.mark.parametrize("columns", ["1", "20", "61"])
+def test_no_sign_of_a_table_is_lost_on_a_narrow_screen(
+    columns: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    rows = [tuple(f"{name}{'x' * 30} of {name * i}" for name in "abcde") for i in range(3)]
+    output.print_table(("first", "second", "third", "fourth", "fifth"), rows)
+    shown = Counter(capsys.readouterr().out)
+    assert "…" not in shown
+    assert all(
+        shown[sign] >= n for sign, n in Counter("".join(map("".join, rows))).items() if sign != " "
+    )
 
 
 NARROW: list[list[str]] = [

@@ -160,6 +160,7 @@ def _warnings_in_words() -> Iterator[list[str]]:
                 usual(message, category, filename, lineno, file, line)
 
         warnings.simplefilter("default", InputWarning)
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box in the picture says it
         warnings.showwarning = show
         yield told
 

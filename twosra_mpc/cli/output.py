@@ -16,7 +16,7 @@ import click
 
 from twosra_mpc.files import plain_data
 
-_WIDTH = 100  # characters: of tables in files and pipes
+_WIDTH, _LEAST_WIDTH = 100, 40  # characters: of tables in files and pipes, and anywhere
 EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4  # 2: click's own
 EXIT_UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
 EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
@@ -89,13 +89,15 @@ def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Non
     """Print a table; in files and pipes it is as wide as its cells, but at most 100 or COLUMNS."""
     from rich import box  # what prints no table need not load it
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
+    columns = (Column(title, overflow="fold") for title in header)  # narrow, no sign is lost
+    table = Table(*columns, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
     for row in rows:
         table.add_row(*row)
     piped = None if _is_terminal(sys.stdout) else shutil.get_terminal_size((_WIDTH, 0)).columns
     console = Console(width=piped, highlight=False, markup=False, emoji=False)
+    console.width = max(console.width, _LEAST_WIDTH)
     with console.capture() as captured:
         console.print(table)
     click.echo(captured.get(), nl=False)

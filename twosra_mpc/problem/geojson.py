@@ -219,7 +219,7 @@ def _polygons(
                 left_out.append(field)
                 return
             for _, inner, rings in _polygons(_mapping(geometry, field), field, left_out):
-                yield "" if name is None else str(name), inner, rings
+                yield "" if name is None else " ".join(str(name).split()), inner, rings
         case "Polygon":
             field = f"{dot}coordinates"
             yield "", field, _list(document.get("coordinates"), field)

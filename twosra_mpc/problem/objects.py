@@ -14,7 +14,16 @@ from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
 from twosra_mpc.problem.world import Box, Disc, Obstacle, check_shape
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
-from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Radians, Several, Value
+from twosra_mpc.validation import (
+    Metres,
+    MetresPair,
+    NonNegative,
+    Positive,
+    Radians,
+    Several,
+    Text,
+    Value,
+)
 
 ACCURACY = (0.005, 0.005, math.radians(3.0))  # m, m, rad: an object this near is where it should be
 
@@ -50,7 +59,7 @@ class Object(Value):
         InputError: If it has no or several shapes, or its polygon crosses itself or is flat.
     """
 
-    name: str
+    name: Text
     pose: Pose
     disc: Round | None = None
     box: Box | None = None

@@ -48,6 +48,7 @@ from twosra_mpc.validation import (
     Positive,
     Radians,
     Several,
+    Text,
     Value,
     missing,
     plain,
@@ -149,7 +150,7 @@ class Problem(Value):
     or after ``time_limit_s`` of CPU time, which is for machines on which that work takes too long.
     """
 
-    description: str = ""
+    description: Text = ""
     robot: Robot
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start

@@ -19,7 +19,16 @@ from twosra_mpc.problem.world import Obstacle, check_growing
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.validation import Metres, MetresPair, NonNegative, Pair, Radians, Several, Tagged
+from twosra_mpc.validation import (
+    Metres,
+    MetresPair,
+    NonNegative,
+    Pair,
+    Radians,
+    Several,
+    Tagged,
+    Text,
+)
 
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 
@@ -56,7 +65,7 @@ class Task(Tagged):
     lies_along: ClassVar[bool] = False
 
     do: str
-    name: str = ""
+    name: Text = ""
 
     def of_robot(self, robot: Robot) -> Task:
         """Return the task with what was left out filled in for a robot."""
