@@ -366,6 +366,8 @@ def _no_table(field: str, given: Any, meant: str) -> InputError:
         hint = "give every value its key, e.g. x_m = 0.1."
     elif isinstance(given, BaseModel):
         hint = f"this is a {type(given).__name__}, and a {meant} is meant."
+    elif hasattr(given, "__geo_interface__"):
+        hint = "obstacles_of(polygons) makes obstacles of it."
     words = describe(field)
     if field.rpartition(".")[2].isdigit():  # words are those of the list
         keys = _KINDS[meant].model_fields if meant in _KINDS else {}

@@ -66,7 +66,8 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     frames = {str(frame): frame for frame in _frames_of(geometries) if frame is not None}
     doubts = [each for frame in frames.values() for each in _doubts_about_frame(frame)]
     if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
-        hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
+        named = isinstance(geometries, str | Path)
+        hint = "read_obstacles(path) reads a file." if named else ""
         raise InputError(
             "geometries", geometries, f"a GeoJSON object, or a list of them: {_KINDS}", hint=hint
         )
