@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import inspect
-import io
 import json
 import re
 import shlex
@@ -30,9 +29,6 @@ from melts import made_up
 from melts import write as write_rows
 from once import planned, solved
 from photographs import write_folder
-from rich import box
-from rich.console import Console
-from rich.table import Table
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_occupancy_map import write_map
@@ -212,39 +208,17 @@ def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
 
 # --- tables --------------------------------------------------------------------------------------
 
-TABLES = [
-    (("robot", "optimal"), [("status", "ok"), ("drive [0,0]", "    0.00 s to     4.80 s")]),
-    (("", "no row", "é"), []),
-    (("a", "longer"), [("two\nlines", "1"), ("", "[0,0] > [1,0]\n\nand [bold] :smile:\n...")]),
-]
 
-
-@pytest.mark.parametrize(("header", "rows"), TABLES)
-def test_a_table_in_a_pipe_is_what_rich_draws(
-    header: tuple[str, ...], rows: list[tuple[str, ...]], capsys: pytest.CaptureFixture[str]
-) -> None:
-    output.print_table(header, rows)
-    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False)
-    for row in rows:
-        table.add_row(*row)
-    drawn = Console(file=io.StringIO(), width=240, highlight=False, markup=False, emoji=False)
-    drawn.print(table)
-    assert isinstance(drawn.file, io.StringIO)
-    assert capsys.readouterr().out == drawn.file.getvalue()
-
-
-@pytest.mark.parametrize("columns", ["1", "20", "61"])
+@pytest.mark.parametrize("columns", ["1", "20", "61", "200"])
 def test_no_sign_of_a_table_is_lost_on_a_narrow_screen(
     columns: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", columns)
-    rows = [tuple(f"{name}{'x' * 30} of {name * i}" for name in "abcde") for i in range(3)]
-    output.print_table(("first", "second", "third", "fourth", "fifth"), rows)
+    rows = [("two\nlines", "x" * 30, "[0,0] > [1,0]", "and [bold] :smile:", "é")]
+    output.print_table(("first", "second", "", "fourth", "fifth"), rows)
     shown = Counter(capsys.readouterr().out)
     assert "…" not in shown
-    assert all(
-        shown[sign] >= n for sign, n in Counter("".join(map("".join, rows))).items() if sign != " "
-    )
+    assert not Counter("".join(rows[0]).replace(" ", "")) - shown
 
 
 NARROW: list[list[str]] = [

@@ -76,15 +76,10 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
 def test_a_name_is_text_that_every_screen_picture_and_file_can_hold(sign: str) -> None:
     """JSON can write half a character, of which no file of UTF-8 can be made."""
     problem = load_problem("pick-and-place")
-    for value, key in (
-        (problem.objects[0], "name"),
-        (problem.obstacles[0], "name"),
-        (problem.tasks[0], "name"),
-        (problem.robot, "description"),
-    ):
-        assert value.with_values(**{key: "工作台 \U0001f916"}) != value
-        with pytest.raises(InputError, match=f"{key} = .* text without control characters"):
-            value.with_values(**{key: f"a{sign}b"})
+    for named in (problem.objects[0], problem.obstacles[0], problem.tasks[0], problem.robot):
+        assert named.with_values(name="工作台 \U0001f916") != named
+        with pytest.raises(InputError, match=r"name = .* text without control characters"):
+            named.with_values(name=f"a{sign}b")
 
 
 def test_what_is_said_has_no_control_characters_and_an_end() -> None:

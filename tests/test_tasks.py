@@ -190,9 +190,9 @@ MISTAKES: dict[str, tuple[list[dict[str, Any]], str, str]] = {
         "tasks.1.do",
         "what empty hands do: release cup first",
     ),
-    "carrying nothing": ([PICK[1]], "tasks.0.object", "nothing is: grasp it first"),
-    "releasing nothing": ([PICK[2]], "tasks.0.object", "nothing is: grasp it first"),
-    "releasing it twice": ([*PICK, PICK[2]], "tasks.3.object", "what is held; nothing is"),
+    "carrying nothing": ([PICK[1]], "tasks.0.object", "what is held: grasp it first"),
+    "releasing nothing": ([PICK[2]], "tasks.0.object", "what is held: grasp it first"),
+    "releasing it twice": ([*PICK, PICK[2]], "tasks.3.object", "what is held: grasp it first"),
     "carrying something else": (
         [PICK[0], {**PICK[1], "object": "box"}],
         "tasks.1.object",

@@ -58,14 +58,7 @@ def _at_least(least: float) -> AfterValidator:
     return AfterValidator(checked)
 
 
-def _of_signs(text: str) -> str:
-    """Refuse what no screen, picture or UTF-8 file can hold."""
-    if _CONTROL.search(text):
-        raise ValueError("text without control characters")
-    return text
-
-
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # or halves of a character
+_UNSHOWN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # control, half characters
 _BRIEF = 80  # characters of a field that are shown
 Key = TypeVar("Key")
 Item = TypeVar("Item")
@@ -90,7 +83,6 @@ Count = Annotated[int, Field(ge=0), BeforeValidator(plain)]
 TwoOrMore = Annotated[int, Field(ge=2), BeforeValidator(plain)]
 Share = Annotated[float, Field(ge=0.0, le=1.0), BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
-Text = Annotated[str, AfterValidator(_of_signs)]
 MOST_SEGMENTS = 4  # stiffness modes double with each
 # One entry for each segment. Only who knows the robot can name the entries that are missing, so
 # that a list without any is left to it too.
@@ -137,6 +129,9 @@ class Value(BaseModel):
         def __init__(self, /, *args: Any, **data: Any) -> None:
             if args:
                 raise _without_keys(type(self), args)
+            for key, text in data.items():  # no screen, picture or UTF-8 file can hold these
+                if isinstance(text, str) and _UNSHOWN.search(text):
+                    raise InputError(key, text, "text without control characters")
             try:
                 super().__init__(**data)
             except ValidationError as error:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any
 
 import click
 
@@ -59,7 +59,8 @@ class Output:
     @contextmanager
     def progress(self, words: str) -> Iterator[Tell]:
         """Show a line of progress on standard error where that is a terminal; yields its update."""
-        if self.quiet or not _is_terminal(sys.stderr):
+        seen = sys.stderr.isatty() or os.environ.get("FORCE_COLOR")  # as rich decides
+        if self.quiet or not seen:
             yield lambda _: None
             return
         from rich.console import Console
@@ -95,17 +96,11 @@ def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Non
     table = Table(*columns, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
     for row in rows:
         table.add_row(*row)
-    piped = None if _is_terminal(sys.stdout) else shutil.get_terminal_size((_WIDTH, 0)).columns
-    console = Console(width=piped, highlight=False, markup=False, emoji=False)
-    console.width = max(console.width, _LEAST_WIDTH)
+    width = max(shutil.get_terminal_size((_WIDTH, 0)).columns, _LEAST_WIDTH)
+    console = Console(width=width, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         console.print(table)
     click.echo(captured.get(), nl=False)
-
-
-def _is_terminal(stream: TextIO) -> bool:
-    """True if somebody watches it, as rich decides."""
-    return stream.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 
 def numbers(values: Any) -> str:

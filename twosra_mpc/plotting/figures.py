@@ -38,9 +38,8 @@ PALETTE = (
 FAINT = 0.33  # opacity of a pose that is left behind
 DPI = 160  # of figures: a page's width in 1600 pixels
 
-STYLE: dict[Any, Any] = dict(  # all of it: of a user's own settings nothing is taken
-    rc_params_from_file(Path(__file__).with_suffix(".mplstyle"))
-)
+# All settings that matplotlib has: nothing is taken of a user's own.
+STYLE: dict[Any, Any] = dict(rc_params_from_file(Path(__file__).with_suffix(".mplstyle")))
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 BEHIND_WORDS: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity

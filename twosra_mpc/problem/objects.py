@@ -14,16 +14,7 @@ from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
 from twosra_mpc.problem.world import Box, Disc, Obstacle, check_shape
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
-from twosra_mpc.validation import (
-    Metres,
-    MetresPair,
-    NonNegative,
-    Positive,
-    Radians,
-    Several,
-    Text,
-    Value,
-)
+from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Radians, Several, Value
 
 ACCURACY = (0.005, 0.005, math.radians(3.0))  # m, m, rad: an object this near is where it should be
 
@@ -59,7 +50,7 @@ class Object(Value):
         InputError: If it has no or several shapes, or its polygon crosses itself or is flat.
     """
 
-    name: Text
+    name: str
     pose: Pose
     disc: Round | None = None
     box: Box | None = None

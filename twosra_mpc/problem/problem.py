@@ -48,7 +48,6 @@ from twosra_mpc.validation import (
     Positive,
     Radians,
     Several,
-    Text,
     Value,
     missing,
     plain,
@@ -150,7 +149,7 @@ class Problem(Value):
     or after ``time_limit_s`` of CPU time, which is for machines on which that work takes too long.
     """
 
-    description: Text = ""
+    description: str = ""
     robot: Robot
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start

@@ -19,16 +19,7 @@ from twosra_mpc.problem.world import Obstacle, check_growing
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.validation import (
-    Metres,
-    MetresPair,
-    NonNegative,
-    Pair,
-    Radians,
-    Several,
-    Tagged,
-    Text,
-)
+from twosra_mpc.validation import Metres, MetresPair, NonNegative, Pair, Radians, Several, Tagged
 
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 
@@ -65,7 +56,7 @@ class Task(Tagged):
     lies_along: ClassVar[bool] = False
 
     do: str
-    name: Text = ""
+    name: str = ""
 
     def of_robot(self, robot: Robot) -> Task:
         """Return the task with what was left out filled in for a robot."""
@@ -342,9 +333,7 @@ def task_problems(
             yield InputError(f"tasks.{i}.do", task.do, f"what empty hands do: release {held} first")
             return
         if task.needs_held and named != held:
-            allowed = (
-                f"{held}, which is held" if held else "what is held; nothing is: grasp it first"
-            )
+            allowed = f"{held}, which is held" if held else "what is held: grasp it first"
             yield InputError(f"tasks.{i}.object", named, allowed)
             return
         if isinstance(task, Grasp) and task.hold == "pushed":

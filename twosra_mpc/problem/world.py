@@ -12,7 +12,7 @@ from pydantic import model_validator
 from twosra_mpc.arguments import check_size
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Several, Text, Value
+from twosra_mpc.validation import Metres, MetresPair, NonNegative, Positive, Several, Value
 
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6
@@ -107,7 +107,7 @@ class Obstacle(Value):
     convex. Raises an `InputError` if it crosses itself, is flat, or has less than three corners.
     """
 
-    name: Text = ""
+    name: str = ""
     polygon_m: Several[MetresPair] | None = None
     box: Box | None = None
     disc: Disc | None = None

@@ -28,7 +28,7 @@ from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Heater, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.validation import FrozenDict, Several, Text, Value, missing, plain
+from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
@@ -82,8 +82,8 @@ class Robot(Value):
     for simulation in a rigid-body engine; planning does not use it.
     """
 
-    name: Annotated[Text, Field(min_length=1)]
-    description: Text = ""
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
     geometry: Geometry
     path: PathRecord
     limits: MotionLimits

@@ -32,9 +32,7 @@ _TURN_RAD, _ROUGH_M = math.tau, 0.5  # no map of a robot that is turned more, or
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
 _INTEGER, _NUMBER, _MERGE = (f"tag:yaml.org,2002:{each}" for each in ("int", "float", "merge"))
-_WRITTEN = re.compile(  # numbers of YAML 1.2
-    r"[-+]?(\.?\d+|\d+\.\d*)([eE][-+]?\d+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$"
-)
+_WRITTEN = re.compile(r"[-+]?(\.?\d+|\d+\.\d*)([eE][-+]?\d+)?$")  # finite numbers of YAML 1.2
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
 
 
@@ -255,9 +253,7 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
     try:
         with open_image(path) as image:
             if image.mode not in _MODES:
-                raise InputError(
-                    "image", str(path), "an image in grey or RGB, 8 bits a channel", source
-                )
+                raise InputError("image", str(path), "grey or RGB, 8 bits a channel", source)
             doubts = {
                 "its image says (EXIF) that it is stored turned; taken as it is stored": (
                     image.getexif().get(_ORIENTATION, _UPRIGHT) != _UPRIGHT
