@@ -22,7 +22,7 @@ from benchmarks.files.photographs import (
     save,
     write_folder,
 )
-from twosra_mpc import InputError
+from twosra_mpc import InputError, InputWarning
 from twosra_mpc.lab.figures.curvature_figure import plot_curvature
 from twosra_mpc.lab.photographs.arc import Arc, fit_arc
 from twosra_mpc.lab.photographs.picture import Camera, find_segment, pictures_in, read_photograph
@@ -173,6 +173,18 @@ def test_no_image_is_refused_by_name(tmp_path: Path) -> None:
     for folder in (tmp_path / "none", tmp_path / "shot.png"):
         with pytest.raises(InputError, match="folder"):
             pictures_in(folder)
+
+
+def test_one_picture_of_a_file_is_taken_and_none_that_is_hidden(tmp_path: Path) -> None:
+    """A Mac leaves a file ``._shot.png`` beside each that it copies."""
+    (tmp_path / "._shot.png").write_text("no picture")
+    save(grey := draw(np.random.default_rng(1), 20.0)[0], whole := tmp_path / "shot.png")
+    assert pictures_in(tmp_path) == [whole]
+    pages = [Image.fromarray(page.astype(np.uint8)) for page in (grey, 255.0 - grey)]
+    pages[0].save(several := tmp_path / "shots.tif", save_all=True, append_images=pages[1:])
+    with pytest.warns(InputWarning, match="several pictures"):
+        found = read_photograph(several)
+    assert found.grey.tolist() == read_photograph(whole).grey.tolist()
 
 
 PICTURES = [Path("a/shot-0.png"), Path("a/shot-2.png")]

@@ -238,6 +238,8 @@ def test_names_differ_whatever_was_given() -> None:
     given = [each.name for each in found if each.name]
     assert len(set(given)) == len(given) == 5
     assert {"wall 1", "wall 2", "box"} <= set(given)
+    many_lines = {**feature(polygon(SQUARE)), "properties": {"name": "a\r\n wall\t"}}
+    assert obstacles_of(many_lines)[0].name == "a wall"
 
 
 WRONG: list[tuple[Any, str, str]] = [

@@ -69,7 +69,7 @@ def test_a_log_is_the_same_whatever_parts_its_cells(
     content = text(good())
     if mark != ",":
         content = content.replace(",", mark).replace(".", ",")
-    (tmp_path / "log.csv").write_text(content, encoding=encoding)
+    (tmp_path / "log.csv").write_text(f"\n \n{content}", encoding=encoding)
     assert read_heating_log(tmp_path / "log.csv") == read(tmp_path, text(good()))
 
 
@@ -104,6 +104,7 @@ REFUSED: dict[str, tuple[Callable[[], str], str, str]] = {
     "no rows": (lambda: text([]), "rows", "at least one row"),
     "text": (with_cell(3, 1, "warm"), "temp_C, row 3", "a finite number"),
     "nothing": (with_cell(4, 1, ""), "temp_C, row 4", "a finite number"),
+    "digits apart": (with_cell(5, 1, "2_5"), "temp_C, row 5", "a finite number"),
     "nan": (with_cell(5, 1, "nan"), "temp_C, row 5", "a finite number"),
     "infinite": (with_cell(6, 0, "inf"), "time_s, row 6", "a finite number"),
     "unknown word": (with_cell(7, 2, "melting"), "mode, row 7", "heating, hold, cooling"),

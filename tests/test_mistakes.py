@@ -82,7 +82,7 @@ EDITS: list[tuple[str, str, tuple[str, ...]]] = [
     # words
     ("[20.0, 10.0]", '[20.0, "any"]', ("goal.kappa_per_m.1 = 'any'", 'did you mean "free"?')),
     ("[20.0, 10.0]", '["FREE", 10.0]', ("goal.kappa_per_m.0 = 'FREE'", 'did you mean "free"?')),
-    ("[0.0, 0.0]", '["free", 0.0]', ("start.kappa_per_m.0", "a start has no free coordinates")),
+    ("[0.0, 0.0]", '["free", 0.0]', ("start.kappa_per_m.0", "this one cannot be free")),
     ("x_m = 0.1", 'x_m = "free"', ("goal.x_m = 'free'", "leave the key out")),
     ("[goal]\n", '[goal]\ntolerance = "none"\n', ("goal.tolerance", 'did you mean "exact"?')),
     ("[goal]\n", "[goal]\ntolerance = 0.001\n", ("goal.tolerance = 0.001", '"exact", or a table')),

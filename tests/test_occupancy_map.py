@@ -148,6 +148,8 @@ WRONG = [
     ("negate: 0", "a: {b: c", "line 6", "valid YAML"),
     ("negate: 0", "negate 0", "line 6", "valid YAML"),
     ("negate: 0", "  negate: 0", "line 5", "valid YAML"),
+    ("0.01", "1:30", "resolution = '1:30'", "a number"),
+    ("0.01", "!m 0.01", "line", "valid YAML, without tags"),
 ]
 
 
@@ -207,10 +209,12 @@ def test_what_may_be_meant_otherwise_is_doubted(
 
 
 def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
-    """Programs in C++ write 1e-05 without a point, which is text in YAML 1.1."""
-    path = write_map(tmp_path, [[0]], MAP.replace("0.01", "1e-2").replace("-0.1,", "-1e-05,"))
-    found = read_map(path)
-    assert (found.cell_m, found.origin[0]) == (0.01, -1e-5)
+    """Programs in C++ write 1e-05 without a point, text in YAML 1.1, which has 010 for eight."""
+    numbers = MAP.replace("0.01", "1e-2").replace("-0.1, 0.2", "-1e-05, 010")
+    merged = numbers.replace("negate: 0", "<<: {negate: 1, free_thresh: 0.1}")
+    found = read_map(write_map(tmp_path, [[0]], merged))
+    assert (found.cell_m, found.origin[:2]) == (0.01, (-1e-5, 10.0))
+    assert not found.occupied.any()
 
 
 def test_images_of_more_than_8_bits_are_refused(tmp_path: Path) -> None:

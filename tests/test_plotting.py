@@ -50,6 +50,7 @@ from twosra_mpc.plotting.figures import (
     MIDDLE_COLOUR,
     STATES,
     UNIT_COLOURS,
+    picture_address,
 )
 from twosra_mpc.plotting.plane import robot_artists
 from twosra_mpc.robot.modes import MODES, Mode
@@ -384,6 +385,17 @@ def test_global_settings_are_left_alone() -> None:
     before = dict(mpl.rcParams)
     plot_plan(planned("rigid-move"))
     assert dict(mpl.rcParams) == before
+
+
+def test_settings_of_a_user_change_no_figure(tmp_path: Path) -> None:
+    """As a ``matplotlibrc`` has them; SVG draws its names from them, and is the same each time."""
+    own = {"text.usetex": True, "font.size": 30.0, "savefig.transparent": True, "axes.grid": True}
+    made = []
+    for settings in ({}, own, {}):
+        with mpl.rc_context(settings):
+            figure = plot_plan(planned("rigid-move"), path := tmp_path / "plan.png")
+            made.append((path.read_bytes(), picture_address(figure, "svg")))
+    assert made[0] == made[1] == made[2]
 
 
 def test_every_public_name_is_there() -> None:

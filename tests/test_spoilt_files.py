@@ -72,6 +72,16 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
     assert load_robot(path) == load_robot("2sra-v1")
 
 
+@pytest.mark.parametrize("sign", ["\x1b", "\x00", "\x9b", "\ud800"])
+def test_a_name_is_text_that_every_screen_picture_and_file_can_hold(sign: str) -> None:
+    """JSON can write half a character, of which no file of UTF-8 can be made."""
+    problem = load_problem("pick-and-place")
+    for named in (problem.objects[0], problem.obstacles[0], problem.tasks[0], problem.robot):
+        assert named.with_values(name="工作台 \U0001f916") != named
+        with pytest.raises(InputError, match=r"name = .* text without control characters"):
+            named.with_values(name=f"a{sign}b")
+
+
 def test_what_is_said_has_no_control_characters_and_an_end() -> None:
     assert printable("a\x1b[2J\x07") == "a\\x1b[2J\\x07"
     assert printable("x" * 1000, 10) == "xxxxxxxxxx..."
@@ -145,6 +155,9 @@ def test_a_link_that_leads_round_in_a_circle_is_no_output(tmp_path: Path) -> Non
     (circle := tmp_path / "plan.json").symlink_to(circle)
     with pytest.raises(InputError, match="a path that leads to a file"):
         write_text(circle, "now")
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1", "--out", str(circle)])
+    assert ended.value.code == 2
     assert circle.is_symlink()
 
 

@@ -181,16 +181,16 @@ MISTAKES: dict[str, tuple[list[dict[str, Any]], str, str]] = {
     "full hands": (
         [PICK[0], {"do": "grasp", "object": "box"}],
         "tasks.1.do",
-        "release cup first: it is held",
+        "what empty hands do: release cup first",
     ),
     "lying along with full hands": (
         [PICK[0], {"do": "conform", "object": "wall"}],
         "tasks.1.do",
-        "release cup first: it is held",
+        "what empty hands do: release cup first",
     ),
-    "carrying nothing": ([PICK[1]], "tasks.0.object", "grasp it first: nothing is held"),
-    "releasing nothing": ([PICK[2]], "tasks.0.object", "grasp it first: nothing is held"),
-    "releasing it twice": ([*PICK, PICK[2]], "tasks.3.object", "nothing is held"),
+    "carrying nothing": ([PICK[1]], "tasks.0.object", "what is held: grasp it first"),
+    "releasing nothing": ([PICK[2]], "tasks.0.object", "what is held: grasp it first"),
+    "releasing it twice": ([*PICK, PICK[2]], "tasks.3.object", "what is held: grasp it first"),
     "carrying something else": (
         [PICK[0], {**PICK[1], "object": "box"}],
         "tasks.1.object",

@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from once import solved
+from shapely import box
 
 import twosra_mpc
 from twosra_mpc import (
@@ -34,6 +35,7 @@ from twosra_mpc import (
     obstacles_of,
     plan,
     plotting,
+    read_obstacles,
     robot_names,
     robot_shape,
     save_setpoints,
@@ -43,6 +45,7 @@ from twosra_mpc.arguments import MADE_BY, Kind, Word, kinds
 from twosra_mpc.execution import (
     LEVELS,
     Camera,
+    Command,
     Disturbance,
     Executor,
     SimulatedRobot,
@@ -51,6 +54,7 @@ from twosra_mpc.execution import (
 )
 from twosra_mpc.validation import ArrayValue, Value
 
+ROOM = box(1.0, 1.0, 2.0, 2.0)
 PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
 EXPORTS = ("export.ros2_mcap", "plans.setpoints")
 PAGES = Path(__file__).parents[1] / "docs/reference"
@@ -144,6 +148,7 @@ def test_the_kinematics_says_which_argument_does_not_fit(name: str) -> None:
 
 WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda problem, _: plan(problem, gap=0.1), r"gap = 0\.1 .*\.with_values\(gap=0\.1\)"),  # type: ignore[call-arg]
+    (lambda problem, _: plan(problem=problem, gap=0.1), r"\.with_values\(gap=0\.1\)"),  # type: ignore[call-arg]
     (lambda problem, _: plan(problem, on_progres=print), "did you mean on_progress"),  # type: ignore[call-arg]
     (lambda _, result: plan(result), "load_problem"),
     (lambda _, result: check_plan(result), "a path"),
@@ -161,6 +166,10 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda problem, _: setattr(problem, "gapp", 1), r"did you mean gap"),
     (lambda problem, _: delattr(problem, "gap"), r"with_values\(gap=\.\.\.\)"),
     (lambda _, __: obstacles_of("map.json"), r"read_obstacles\(path\)"),
+    (lambda _, __: obstacles_of(Path("map.json")), r"read_obstacles\(path\)"),
+    (lambda _, __: read_obstacles(ROOM), r"obstacles_of\(polygons\)"),  # type: ignore[arg-type]
+    (lambda problem, _: problem.with_values(obstacles=[ROOM]), r"obstacles_of\(polygons\)"),
+    (lambda _, __: Command("off", 1.0), "heater_setpoint_C = 'off' .*in C"),  # type: ignore[arg-type]
     (lambda _, result: load_plan(result), r"result\.require\(\)"),
     (lambda problem, _: problem.with_values(0.1), r"with_values\(key=\.\.\.\)"),
     (lambda problem, _: SimulatedRobot(problem, seed=-1), "at least 0"),

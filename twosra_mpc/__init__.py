@@ -29,7 +29,7 @@ def exported(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]
 
     def get(name: str) -> Any:
         if name not in modules:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            raise AttributeError(f"{package!r} has no attribute {name!r}", name=name, obj=own)
         thresholds = gc.get_threshold()
         gc.set_threshold(0)  # looking for garbage meanwhile takes an eighth of the time
         try:

@@ -3,6 +3,7 @@
 # Python has this module when it starts; to load ``signal`` takes 0.5 ms, in which Ctrl-C is loud.
 import _signal as signal  # type: ignore[import-not-found]
 import gc
+import os
 import sys
 
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # while there is nothing to lose, and nobody to say it
@@ -15,6 +16,7 @@ def main() -> None:
     needs any more, and not at the end, which takes as long as a plan.
     """
     gc.set_threshold(200_000, 20, 20)
+    os.environ["MPLBACKEND"] = "agg"  # whatever a user's windows are: figures are only written
     from twosra_mpc.native_output import separate_native_output
 
     separate_native_output(shown="--debug" in sys.argv)

@@ -346,7 +346,8 @@ def _check_bound(
     known = [each for each in signature.parameters.values() if each.annotation is not each.empty]
     for key in named.keys() - {each.name for each in known}:
         hint = near_word(key, [each.name for each in known])
-        for owner in (each for each in args if key in getattr(type(each), "model_fields", ())):
+        values = (*args, *named.values())
+        for owner in (each for each in values if key in getattr(type(each), "model_fields", ())):
             kind = type(owner).__name__.lower()
             hint = f"{kind}.with_values({key}={named[key]!r}) makes a {kind} with it."
         allowed = f"arguments of {name}: {', '.join(each.name for each in known)}"

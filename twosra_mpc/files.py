@@ -354,7 +354,7 @@ def write_bytes(target: str | Path, data: bytes) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
-        allowed = f"a path with room for {len(data)} bytes ({error.strerror})"
+        allowed = f"a path that takes {len(data)} bytes ({error.strerror})"
         raise InputError("output", str(target), allowed) from error
 
 

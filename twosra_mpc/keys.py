@@ -95,9 +95,8 @@ def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str
     if not isinstance(value, str):
         return ""
     if value.strip().lower() in _FREE:
-        if listed:
-            return 'did you mean "free"?' if optional else "a start has no free coordinates."
-        return "leave the key out where it is free." if optional else "this one cannot be free."
+        free = 'did you mean "free"?' if listed else "leave the key out where it is free."
+        return free if optional else "this one cannot be free."
     if value.strip().lower() in ("soft", "rigid", "straight") and key.startswith("kappa"):
         return "a segment is straight at 0; modes say which are soft."
     if (turns := _TURNS.fullmatch(value)) is not None:

@@ -58,6 +58,7 @@ def _at_least(least: float) -> AfterValidator:
     return AfterValidator(checked)
 
 
+_UNSHOWN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # control, half characters
 _BRIEF = 80  # characters of a field that are shown
 Key = TypeVar("Key")
 Item = TypeVar("Item")
@@ -139,6 +140,9 @@ class Value(BaseModel):
         def __init__(self, /, *args: Any, **data: Any) -> None:
             if args:
                 raise _without_keys(type(self), args)
+            for key, text in data.items():  # no screen, picture or UTF-8 file can hold these
+                if isinstance(text, str) and _UNSHOWN.search(text):
+                    raise InputError(key, text, "text without control characters")
             try:
                 super().__init__(**data)
             except ValidationError as error:
@@ -368,6 +372,8 @@ def _no_table(field: str, given: Any, meant: str) -> InputError:
         hint = "give every value its key, e.g. x_m = 0.1."
     elif isinstance(given, BaseModel):
         hint = f"this is a {type(given).__name__}, and a {meant} is meant."
+    elif hasattr(given, "__geo_interface__"):
+        hint = "obstacles_of(polygons) makes obstacles of it."
     words = describe(field)
     if field.rpartition(".")[2].isdigit():  # words are those of the list
         keys = _KINDS[meant].model_fields if meant in _KINDS else {}

@@ -15,7 +15,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -131,21 +131,15 @@ def _warnings_in_words() -> Iterator[list[str]]:
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def show(message: Warning | str, category: type[Warning], *at: Any, **more: Any) -> None:
             if issubclass(category, errors.InputWarning):
                 told.append(str(message))
                 click.echo(f"twosra: warning: {message}", err=True)
             else:
-                usual(message, category, filename, lineno, file, line)
+                usual(message, category, *at, **more)
 
         warnings.simplefilter("default", errors.InputWarning)
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box in the picture says it
         warnings.showwarning = show
         yield told
 

@@ -178,7 +178,7 @@ class NewFile(click.Path):
         target = super().convert(value, param, ctx)
         assert isinstance(target, Path)  # as asked for above
         taken = click.get_current_context().meta.setdefault("outputs", [])
-        if target.resolve() in map(Path.resolve, taken) and str(target) != os.devnull:
+        if os.path.realpath(target) in map(os.path.realpath, taken) and str(target) != os.devnull:
             raise InputError("output", str(target), "another file for each thing that is written")
         taken.append(target)
         for check in self._checks:

@@ -11,13 +11,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any
 
 import click
 
 from twosra_mpc.files import plain_data
 
-_WIDTH = 100  # characters: of tables in files and pipes
+_WIDTH, _LEAST_WIDTH = 100, 40  # characters: of tables in files and pipes, and anywhere
 Tell = Callable[[str], None]
 
 
@@ -66,7 +66,8 @@ class Output:
     @contextmanager
     def progress(self, words: str) -> Iterator[Tell]:
         """Show a line of progress on standard error where that is a terminal; yields its update."""
-        if self.quiet or not _is_terminal(sys.stderr):
+        seen = sys.stderr.isatty() or os.environ.get("FORCE_COLOR")  # as rich decides
+        if self.quiet or not seen:
             yield lambda _: None
             return
         from rich.console import Console
@@ -96,21 +97,17 @@ def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Non
     """Print a table; in files and pipes it is as wide as its cells, but at most 100 or COLUMNS."""
     from rich import box  # what prints no table need not load it
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
-    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
+    columns = (Column(title, overflow="fold") for title in header)  # narrow, no sign is lost
+    table = Table(*columns, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
     for row in rows:
         table.add_row(*row)
-    piped = None if _is_terminal(sys.stdout) else shutil.get_terminal_size((_WIDTH, 0)).columns
-    console = Console(width=piped, highlight=False, markup=False, emoji=False)
+    width = max(shutil.get_terminal_size((_WIDTH, 0)).columns, _LEAST_WIDTH)
+    console = Console(width=width, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         console.print(table)
     click.echo(captured.get(), nl=False)
-
-
-def _is_terminal(stream: TextIO) -> bool:
-    """True if somebody watches it, as rich decides."""
-    return stream.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 
 def numbers(values: Any) -> str:

@@ -95,6 +95,7 @@ def still() -> Array:
     return np.zeros(WHEELS)
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Command(ArrayValue):
     """Command: what a robot is to be told, until its controller has the next reading.

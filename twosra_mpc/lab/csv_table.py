@@ -85,13 +85,12 @@ def read_csv(
     source = str(path)
     with reading(source, what):
         lines = read_text(Path(path), source).splitlines()
-        mark = max(",;\t", key=(lines or [""])[0].count)
-        names, *rows = [*csv.reader(lines, delimiter=mark)] or [[]]
+        mark = max(",;\t", key=next(filter(str.strip, lines), "").count)
+        filled = [row for row in csv.reader(lines, delimiter=mark) if any(map(str.strip, row))]
+        names, *rows = filled or [[]]
     if mark != ",":
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
-    table = CsvTable(
-        source, [name.strip() for name in names], [row for row in rows if any(map(str.strip, row))]
-    )
+    table = CsvTable(source, [name.strip() for name in names], rows)
     table.check(columns, least_rows)
     return table
 
@@ -103,7 +102,7 @@ def number(text: str, field: str, source: str) -> float:
         InputError: If it is none, or not finite, or beyond ``LARGEST``.
     """
     try:
-        value = float(text)
+        value = math.nan if "_" in text else float(text)  # Python takes 1_5 for 15
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST:

@@ -19,11 +19,10 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import runge_kutta
-from twosra_mpc.model.kinematics import driven, kinematics
+from twosra_mpc.model.kinematics import driven, kinematics, wheel_travel
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -69,14 +68,20 @@ def rolled(body: Body, mode: Mode, start: Array, turned: Array) -> Array:
     return np.vstack([start, chain(start, turned.T, still).full().T])
 
 
-def dragged(robot: Robot, q: Array, bent: Array, turned: ArrayLike) -> Array:
+def travelled(robot: Robot, mode: Mode, q: Array, displacement: Array) -> Array:
+    """Angles that the wheels roll, (4,) [rad], for inputs times their duration, (5,)."""
+    turned: Array = wheel_travel(robot.body)(q, displacement, mode).full().ravel()
+    return turned
+
+
+def dragged(robot: Robot, q: Array, bent: Array, turned: Array) -> Array:
     """Pose of b0, (3,), once the wheels have turned by ``turned`` (4,) [rad].
 
     It moves so that they slip least while the curvatures change by ``bent`` (n,) [1/m], whatever
     bends the fibre.
     """
     wheels = kinematics(robot).wheel_map(q[POSE:] + bent / 2).full()
-    told = np.ravel(turned) - wheels[:, POSE:] @ bent
+    told = turned - wheels[:, POSE:] @ bent
     u, v, turn = np.linalg.lstsq(wheels[:, :POSE], told)[0]
     c, s = math.cos(q[2] + turn / 2), math.sin(q[2] + turn / 2)
     pose: Array = q[:POSE] + np.array([c * u - s * v, s * u + c * v, turn])

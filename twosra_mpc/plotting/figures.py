@@ -99,9 +99,8 @@ PALETTE = (
 FAINT = 0.33  # opacity of a pose that is left behind
 DPI = 160  # of figures: a page's width in 1600 pixels
 
-STYLE: dict[Any, Any] = dict(
-    rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
-)
+# All settings that matplotlib has: nothing is taken of a user's own.
+STYLE: dict[Any, Any] = dict(rc_params_from_file(Path(__file__).with_suffix(".mplstyle")))
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 BEHIND_WORDS: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
@@ -165,7 +164,8 @@ def styled_figure(size_in: tuple[float, float], path: str | Path | None) -> Iter
 def picture_address(figure: Figure, kind: Literal["png", "svg"]) -> str:
     """Return a figure as the address of a picture that is part of the address."""
     picture = io.BytesIO()
-    figure.savefig(picture, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    with rc_context(STYLE):
+        figure.savefig(picture, format=kind, metadata={"Date": None} if kind == "svg" else None)
     data = base64.b64encode(picture.getvalue()).decode()
     return f"data:image/{'svg+xml' if kind == 'svg' else kind};base64,{data}"
 

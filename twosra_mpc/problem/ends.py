@@ -166,9 +166,9 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
         if least >= 0:
             break
         possible = (margin + (steep @ half)[:, None] >= 0).all(axis=0)
-        meet = possible & (margins[BODY_GAP.name] < 0)
+        meet = possible & (margins[limits.BODY_GAP.name] < 0)
         left_m = own.separations(middles[meet]) + own.eased_m2 @ half
-        possible[meet] = (left_m >= -BODY_GAP.rounding).all(axis=1)
+        possible[meet] = (left_m >= -limits.BODY_GAP.rounding).all(axis=1)
         widest = np.eye(len(half))[(half * body.geometry.lengths_m).argmax()]
         half = half * (1 - widest / 2)
         aside = _SIDES * half * widest

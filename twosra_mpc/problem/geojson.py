@@ -66,7 +66,7 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     frames = {str(frame): frame for frame in _frames_of(geometries) if frame is not None}
     doubts = [each for frame in frames.values() for each in _doubts_about_frame(frame)]
     if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
-        hint = "read_obstacles(path) reads a file." if isinstance(geometries, str) else ""
+        hint = "read_obstacles(path) reads a file." * isinstance(geometries, str | Path)
         allowed = f"a GeoJSON object, or a list of them: {_KINDS}"
         raise InputError("geometries", geometries, allowed, hint=hint)
     several = [geometries] if single else list(geometries)
@@ -81,8 +81,7 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
             found.append((name if given is None else given, _polygon(rings, field)))
     if left_out and not found:
         raise InputError("features", f"{len(left_out)} without a geometry", "at least one polygon")
-    if left_out:
-        doubts.append(f"features without a geometry are left out: {len(left_out)}")
+    doubts += [f"features without a geometry are left out: {len(left_out)}"] * bool(left_out)
     doubts += _doubts_about_lengths([polygon.bounds for _, polygon in found])
     doubt(doubts, source)
     pieces = [(name, piece) for name, polygon in found for piece in without_holes(polygon)]
@@ -218,7 +217,7 @@ def _polygons(
                 left_out.append(field)
                 return
             for _, inner, rings in _polygons(_mapping(geometry, field), field, left_out):
-                yield "" if name is None else str(name), inner, rings
+                yield "" if name is None else " ".join(str(name).split()), inner, rings
         case "Polygon":
             field = f"{dot}coordinates"
             yield "", field, _list(document.get("coordinates"), field)
@@ -264,8 +263,8 @@ def _polygon(rings: list[Any], field: str) -> Any:
 def _corners(ring: Any, field: str) -> Array:
     """Corners of a ring as given, (m, 2) [m]."""
     try:
-        corners = np.array([tuple(point)[:2] for point in ring])
-        corners = corners.astype(float, casting="same_kind")  # no words, no truths
+        # No words, no truths.
+        corners = np.array([tuple(point)[:2] for point in ring]).astype(float, casting="same_kind")
     except (TypeError, ValueError):
         raise InputError(field, ring, "a list of points [x, y] in metres") from None
     if corners.ndim != 2 or corners.shape[1] != 2 or len(np.unique(corners, axis=0)) < 3:

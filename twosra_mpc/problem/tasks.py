@@ -404,10 +404,10 @@ def task_problems(
         ):
             yield InputError(f"tasks.{i}.segments", task.segments, f"some of 1 to {segments}")
         if task.needs_held is False and held is not None:
-            yield InputError(f"tasks.{i}.do", task.do, f"release {held} first: it is held")
+            yield InputError(f"tasks.{i}.do", task.do, f"what empty hands do: release {held} first")
             return
         if task.needs_held and named != held:
-            allowed = f"{held}, which is held" if held else "grasp it first: nothing is held"
+            allowed = f"{held}, which is held" if held else "what is held: grasp it first"
             yield InputError(f"tasks.{i}.object", named, allowed)
             return
         if isinstance(task, Grasp) and task.hold == "pushed":

@@ -279,7 +279,7 @@ class SimulatedRobot:
                 problem, self._true, physical, self.segments, viewer=viewer
             )
         elif viewer:
-            raise InputError("viewer", True, f"left out: only plant {PHYSICS} has one")
+            raise InputError("viewer", True, f"False: only plant {PHYSICS} has one")
         self._touched = self._motion.touched
         self.q = problem.start.configuration.copy()
         self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)

@@ -14,8 +14,7 @@ import numpy as np
 
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.model.rolling import dragged, rolled
+from twosra_mpc.model.rolling import dragged, rolled, travelled
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -141,7 +140,7 @@ def _dragged(robot: Robot, mode: Mode, measured: Array, done: Array, by_wheels: 
         here, turned = states[row], done[row]
         if not by_wheels:
             middle = here + np.concatenate([np.zeros(POSE), bent / 2])
-            turned = wheel_travel(robot.body)(middle, turned, mode)
+            turned = travelled(robot, mode, middle, turned)
         states[row + 1, :POSE] = dragged(robot, here, bent, turned)
     return states
 

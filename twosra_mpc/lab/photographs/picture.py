@@ -74,7 +74,7 @@ def pictures_in(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not os.path.isdir(folder):
         raise InputError("folder", str(folder), "a folder of photographs")
-    found = [path for path in folder.iterdir() if path.suffix.lower() in ENDINGS]
+    found = [path for path in folder.glob("[!.]*") if path.suffix.lower() in ENDINGS]
     if not found:
         raise InputError("folder", str(folder), f"one with files ending in {', '.join(ENDINGS)}")
     return sorted(found, key=lambda path: (number_of(path.stem), path.name))
@@ -94,7 +94,7 @@ def read_photograph(path: str | Path) -> Photograph:
     """
     with reading(str(path), "picture", "an image file"), open_image(Path(path)) as image:
         if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "YCbCr"):
-            allowed = "an image of 8 bits a colour (scale temperatures to 0 to 255 first)"
+            allowed = "grey or RGB, 8 bits a colour (scale temperatures to 0 to 255 first)"
             raise InputError("picture", f"mode {image.mode}", allowed, str(path))
         upright = ImageOps.exif_transpose(image)  # cameras store how they were held
         grey = np.asarray(upright.convert("L"), dtype=float)

@@ -31,6 +31,8 @@ _OPAQUE, _DIGITS = 255, 5  # of a pixel; thresholds that are a level but for rou
 _TURN_RAD, _ROUGH_M = math.tau, 0.5  # no map of a robot that is turned more, or has larger cells
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
+_INTEGER, _NUMBER, _MERGE = (f"tag:yaml.org,2002:{each}" for each in ("int", "float", "merge"))
+_WRITTEN = re.compile(r"[-+]?(\.?\d+|\d+\.\d*)([eE][-+]?\d+)?$")  # finite numbers of YAML 1.2
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
 
 
@@ -251,15 +253,12 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
     try:
         with open_image(path) as image:
             if image.mode not in _MODES:
-                raise InputError("image", str(path), "an image of 8 bits a channel", source)
+                raise InputError("image", str(path), "grey or RGB, 8 bits a channel", source)
             doubts = {
                 "its image says (EXIF) that it is stored turned; taken as it is stored": (
                     image.getexif().get(_ORIENTATION, _UPRIGHT) != _UPRIGHT
                 ),
                 "its image is a JPEG, which does not keep greys exactly": image.format == "JPEG",
-                "its image has several pictures; the first is taken": (
-                    getattr(image, "n_frames", 1) > 1
-                ),
             }
             pixels = np.asarray(image.convert("RGBA"))
             return pixels, [words for words, true in doubts.items() if true]
@@ -270,26 +269,33 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
 
 
 def _document(text: str, source: str) -> dict[str, Any]:
-    """Read a map's YAML file: a table of keys, each of them once; lists become tuples."""
+    """Read a map's YAML file: a table of keys, each of them once; lists become tuples.
+
+    Numbers are those of YAML 1.2, which ROS 2 reads: 010 is ten, and 1:30 is none.
+    """
     import yaml  # maps alone need it
 
     class Loader(yaml.SafeLoader):
         """The safe loader, refusing a key that is there twice."""
 
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+            own = (key for key, _ in node.value if key.tag != _MERGE)
+            keys = [self.construct_object(key, deep=True) for key in own]
             if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
                 raise InputError("keys", f"{twice[0]} twice", "each key once", source)
             return super().construct_mapping(node, deep)
 
-    number = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$")  # 1e-05, as YAML 1.2 has it
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, [*"-+0123456789"])
+    Loader.yaml_implicit_resolvers = {
+        first: [(tag, words) for tag, words in known if tag not in (_INTEGER, _NUMBER)]
+        for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    Loader.add_implicit_resolver(_NUMBER, _WRITTEN, [*"-+.0123456789"])
     try:
         found = yaml.load(text, Loader)  # the safe one
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}" if mark else "file"
-        raise InputError(where, f"{error.problem}", "valid YAML", source) from None
+        raise InputError(where, f"{error.problem}", "valid YAML, without tags", source) from None
     if not isinstance(found, dict):
         raise InputError("file", source, "a map: lines such as resolution: 0.05")
     return {
