@@ -22,7 +22,6 @@ from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import outline_points, robot_shape
-from twosra_mpc.model.rolling import rolling
 from twosra_mpc.physics.mjcf import mjcf
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
 from twosra_mpc.problem.limits import shape_margins
@@ -176,18 +175,6 @@ def test_wheels_do_not_follow_the_frame_and_the_frame_does_not_follow_them() -> 
         np.testing.assert_allclose(out_m, by_m / 2, atol=1e-8)
     before, after = (drawn(robot.geometry)["outline"] for robot in (ROBOT, wider_wheels(by_m)))
     np.testing.assert_allclose(after, before, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", robot_names())
-def test_a_unit_that_gives_way_turns_about_the_middle_of_its_frame(name: str) -> None:
-    """Unit 2 is driven, unit 1 should stand: it turns, and its middle is where it was."""
-    robot, mode = load_robot(name), [0] * load_robot(name).coordinates.segments
-    mode[-1] = 1
-    q = np.zeros(robot.coordinates.size)
-    gives = rolling(robot.body, tuple(mode))(q, [0.0, 0.0, 1e-4, 1e-4], [0.3, 0.0, 0.0])
-    shape, moved = (robot_shape(robot.geometry, at) for at in (q, gives.full().ravel()))
-    assert abs(moved.ends[0, 2] - shape.ends[0, 2]) > 1e-6
-    np.testing.assert_allclose(moved.centres[0], shape.centres[0], atol=1e-9)
 
 
 # --- the numbers

@@ -332,8 +332,8 @@ class SegmentWatch:
         if self._asked == "soft" and not above:
             what = "or its firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies, {what}")
-        falls = -risen_K >= max(_SAME_K / 2, 5 * self._flicker_K)
-        if above and self._asked == "rigid" and (melts or falls):
+        falls = max(self._recent_C) - here_C >= max(_SAME_K / 2, 5 * self._flicker_K)
+        if above and (falls or (melts and self._asked == "rigid")):
             self._raise("cooling", f"{words}: it cools too slowly")
         rises = here_C >= max(self._recent_C) and risen_K >= max(_WARMED_K, 5 * self._flicker_K)
         if above and rises:

@@ -99,8 +99,9 @@ PALETTE = (
 FAINT = 0.33  # opacity of a pose that is left behind
 DPI = 160  # of figures: a page's width in 1600 pixels
 
-# All settings that matplotlib has: nothing is taken of a user's own.
+# All settings that matplotlib has: nothing is taken of a user's own but where ffmpeg is.
 STYLE: dict[Any, Any] = dict(rc_params_from_file(Path(__file__).with_suffix(".mplstyle")))
+del STYLE["animation.ffmpeg_path"]
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 BEHIND_WORDS: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
