@@ -26,6 +26,7 @@ from benchmarks.studies.pick_and_place import PickAndPlace
 from benchmarks.studies.revision import Revision
 from benchmarks.studies.scenes import Scenes
 from benchmarks.studies.soak import Soak
+from benchmarks.studies.soft_phases import SoftPhases
 from benchmarks.studies.tracker_step import TrackerSteps
 from benchmarks.studies.transition_sweep import TransitionSweep
 from benchmarks.study import Study
@@ -76,6 +77,7 @@ STUDIES: dict[str, Study] = {
     "lying": Lying(),
     "files": Files(),
     "tracker-step": TrackerSteps(),
+    "soft-phases": SoftPhases(),
     "soak": Soak(),
     "cold-start": ColdStart(),
     "revision": Revision(problems=("published:3", "random-100:3"), repeats=3),
@@ -115,6 +117,7 @@ FULL: dict[str, dict[str, Any]] = {  # what differs where hours do not matter
     "lying": {"count": 40, "sound": 1000},
     "files": {"count": 400},
     "tracker-step": {"runs": 6, "states": 400},
+    "soft-phases": {"robots": 50},
     "soak": {"count": 20_000, "robots": 1000},
     "cold-start": {"rounds": 21},
     "revision": {"problems": ("published", "random-100"), "repeats": 5},

@@ -72,13 +72,13 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "slip_noise": (0.02, 0.05, 0.10),  # the same
     "dead_zone_rad_s": (0.05, 0.2, 0.5),  # assumed: 0.5 to 5 % of the largest command
     "motor_lag_s": (0.1, 0.1, 0.1),  # follow-up robot's motor log: settled in 0.2 to 0.35 s
-    # Of 48 soft phases of published problems that the rigid-body engine drove by their plans'
-    # wheel speeds alone, over the ranges of `[physics]`: 5 % at -0.1, 95 % at 0.2 rad; -10, 15 mm.
+    # Rigid bodies driven by plans' wheel speeds alone, `python -m benchmarks soft-phases`: turns
+    # of -0.1 to 0.1 rad, most shifts below 10 mm, most bends by 0.9 to 1.25 times.
     # Twelve soft phases of the authors' logs, given their bends: -0.25 to 0.65 rad, median 0.0.
     "pivot_rad_per_rad": (0.05, 0.15, 0.3),
     "slide_m_per_rad": (0.002, 0.008, 0.015),
     "split": (0.01, 0.10, 0.44),  # the three trials in mode [1,1]: 1, 10 and 44 %
-    "bend_share": ((0.9, 1.1), (0.7, 1.2), (0.5, 1.3)),  # the same phases: 0.72 to 1.26
+    "bend_share": ((0.9, 1.1), (0.7, 1.2), (0.5, 1.3)),  # the same
     "lengths": (0.005, 0.01, 0.02),  # assumed: measuring 40 mm to 0.2 to 0.8 mm
     "thermal_ranges": (0.5, 1.0, 1.0),  # half of the ranges in the robot file, or all
     "thermistor": (0.005, 0.01, 0.02),  # parts of 1 % are the ones that are sold
