@@ -78,7 +78,7 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "pivot_rad_per_rad": (0.05, 0.15, 0.3),
     "slide_m_per_rad": (0.002, 0.008, 0.015),
     "split": (0.01, 0.10, 0.44),  # the three trials in mode [1,1]: 1, 10 and 44 %
-    "bend_share": ((0.9, 1.1), (0.7, 1.2), (0.5, 1.3)),  # the same
+    "bend_share": ((0.9, 1.1), (0.7, 1.2), (0.5, 1.3)),  # rigid bodies, as above
     "lengths": (0.005, 0.01, 0.02),  # assumed: measuring 40 mm to 0.2 to 0.8 mm
     "thermal_ranges": (0.5, 1.0, 1.0),  # half of the ranges in the robot file, or all
     "thermistor": (0.005, 0.01, 0.02),  # parts of 1 % are the ones that are sold
