@@ -60,7 +60,7 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
     ("dead", rows(SOFT_C, lambda t: 25 + 0.01 * t, "rigid", 200), "heater", 40),
     ("hot", rows(SOFT_C, lambda t: 65 + t, "soft", 100), "hot", 22),
     ("welded", rows(OFF_C, lambda t: 40 + 0.5 * t, "changing", 200), "relay", 52),
-    ("was hot", rows(OFF_C, lambda t: 89 - 5 * np.exp(-t / 5) - t / 20, "soft", 99), "sensor", 32),
+    ("was hot", rows(OFF_C, lambda t: 89 - 5 * np.exp(-t / 5) - t / 20, "soft", 99), "cooling", 32),
     ("slow", rows(OFF_C, lambda t: 55 - 0.05 * t, "changing", 2000), "cooling", 100),
     ("weak", rows(SOFT_C, lambda t: 25 + 0.35 * t + noise(t), "changing", 2000), "sensor", 60),
     ("jump", rows(OFF_C, lambda t: 40 + noise(t) + 9 * (t > 20), "rigid", 60), "sensor", 30),

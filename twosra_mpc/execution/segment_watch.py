@@ -50,7 +50,8 @@ _USUAL, _AS_EVER = 200, 1.8  # readings that move, and how much more or less oth
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
-_UNLIKE_S, _USUAL_DOUBT = 3.0, 0.12  # of what none shows; as healthy ones may be in for long
+_UNLIKE_S = 3.0  # after which what no healthy segment shows is not believed
+_USUAL_DOUBT, _USUAL_OFF = 0.12, 0.8  # of healthy ones for long; with the heater off: no hurry
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
 _BAND_K, _NEAR_K = 4.0, 1.5  # below it a regulator lowers the current; and holds metal
 _EDGE = 0.4  # share of a period within which a switch changed
@@ -314,7 +315,9 @@ class SegmentWatch:
 
     def _check_likeness(self, passed_s: float, here_C: float, belief: HeatBelief) -> None:
         """Readings that no healthy segment shows after so much heat, or few do for so long."""
-        self._unlike_s = max(0.0, self._unlike_s + (belief.doubt - _USUAL_DOUBT) * passed_s)
+        off = self._asked == "rigid"
+        doubt = belief.misfit - _USUAL_OFF if off else belief.doubt - _USUAL_DOUBT
+        self._unlike_s = max(0.0, self._unlike_s + doubt * passed_s)
         if self._unlike_s < _UNLIKE_S:
             return
         low_C, high_C = belief.shows_C
