@@ -338,8 +338,8 @@ class SegmentWatch:
         falls = max(self._recent_C) - here_C >= max(_SAME_K / 2, 5 * self._flicker_K)
         if above and (falls or (melts and self._asked == "rigid")):
             self._raise("cooling", f"{words}: it cools too slowly")
-        rises = here_C >= max(self._recent_C) and risen_K >= max(_WARMED_K, 5 * self._flicker_K)
-        if above and rises:
+        rises = risen_K >= max(_WARMED_K, 5 * self._flicker_K) and here_C >= max(self._recent_C)
+        if above and rises and self._recent_C[-1] > self._recent_C[-2]:
             if self._asked == "rigid":
                 self._raise("relay", f"{words}: the heater does not go off (a welded relay?)")
             if here_C > self._heater.soft_setpoint_C + _HELD_K:
