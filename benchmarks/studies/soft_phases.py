@@ -91,11 +91,9 @@ class SoftPhases(Study):
             off = np.column_stack([np.hypot(*ends[:, :2].T), np.abs(ends[:, 2:])])
             right = (off[:, :2] <= _WITHIN[:2]).all(axis=1) & (off[:, 2:] <= _WITHIN[2]).all(axis=1)
             way_m = [made["tracked"]["way_m"] for made in some]
-            numbers = 1e3 * np.quantile(off[:, 0], (0.5, 1.0)), 1e3 * np.quantile(way_m, (0.5, 1.0))
-            rows.append((soft, len(some), int(right.sum()), *np.concatenate(numbers).tolist()))
+            rows.append((soft, len(some), int(right.sum()), off[:, 0].tolist(), way_m))
             per_bend = [made["alone"]["lost"] for made in some if made["alone"]["lost"] is not None]
-            low, middle, high = np.quantile(per_bend, (0.05, 0.5, 0.95), axis=0)
-            lost.append((soft, len(per_bend), *zip(low, middle, high, strict=True)))
+            lost.append((soft, len(per_bend), *zip(*per_bend, strict=True)))
         return {"rows": rows, "lost": lost}
 
 
