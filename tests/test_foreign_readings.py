@@ -87,8 +87,10 @@ def test_reports_that_flicker_are_no_failed_heaters(executor: str, problem: int)
         told = [known if rng.random() > 0.1 else "changing" for known in reading.stiffness]
         return replace(reading, stiffness=tuple(told))
 
-    run = driven(Spoilt(made.problem, flickers), made, executor)
+    robot = Spoilt(made.problem, flickers)
+    run = driven(robot, made, executor)
     assert run.ending is Ending.REACHED, run.reason
+    assert robot.off
 
 
 class Reversed(ForeignRobot):

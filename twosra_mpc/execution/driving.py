@@ -204,10 +204,8 @@ class Driving:
         The pose in a rigid phase; in a soft one the mean of the bends alone: a pose that is left
         over is corrected by a rigid drive.
         """
-        selection, turned = (
-            outputs_of(self.belief.problem.robot.body, self.phase.mode).selection,
-            difference.copy(),
-        )
+        outputs = outputs_of(self.belief.problem.robot.body, self.phase.mode)
+        selection, turned = outputs.selection, difference.copy()
         turned[2] = math.remainder(turned[2], math.tau)
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
