@@ -22,7 +22,7 @@ from twosra_mpc.control.stiffness import (
     clearly_soft,
     warm_setpoint_C,
 )
-from twosra_mpc.control.stiffness_controller import Event, StiffnessController, stiffness_controller
+from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import TemperatureSensor, temperature_sensor
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
@@ -47,7 +47,6 @@ class HeatedSegment:
         rigid_setpoint_C: Set-points up to this switch the heater off.
         broken_heater: Whether the heater's wire is broken: no current ever flows.
         memory: State of the controller.
-        news: Events that it told in its last step.
     """
 
     model: SegmentModel
@@ -62,7 +61,7 @@ class HeatedSegment:
         self.state, self.heat_J = self.model.initial(self.start_C), 0.0
         self._lag = self.sensor.settled(self.start_C)
         self._reading_C = self.sensor.read_C(self._lag)
-        self.memory, self.news = self.controller.start(self._reading_C), tuple[Event, ...]()
+        self.memory = self.controller.start(self._reading_C)
         self._let_A2_s, self._untold_s = 0.0, 0.0
 
     @property
@@ -126,7 +125,7 @@ class HeatedSegment:
         wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
         held_C = max(setpoint_C, self.controller.soft_setpoint_C)
         controller = self.controller.holding(held_C)
-        self.memory, self.news = controller.step(self.memory, wanted, self._reading_C, dt_s)
+        self.memory = controller.step(self.memory, wanted, self._reading_C, dt_s)
 
     def _heats(self, setpoint_C: float) -> bool:
         """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""

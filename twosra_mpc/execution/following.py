@@ -76,7 +76,7 @@ class Following:
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
-        return self.course.schedule.setpoints(self.course.progress)
+        return self.course.setpoint_C
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -94,47 +93,19 @@ def _planned(
     from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
 
     asked = Asked(problems.spec.planner, problems.spec.plans)
+    ready, started = int(done.sum()), time.perf_counter()
     with (
-        _bar(output, len(problems), int(done.sum())) as advance,
+        output.progress("waiting for workers") as tell,
         local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
     ):
         if scheduler is None and find_spec("bokeh") is not None and not output.quiet:
             click.echo(f"twosra: dashboard: {client.dashboard_link}", err=True)
         for chunk in planned(client, problems.posed(done), asked):
             yield chunk
-            advance(len(chunk.rows))
-
-
-@contextmanager
-def _bar(output: Output, total: int, done: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar with rate and time left where there is a terminal; yields what moves it on."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    if output.quiet or not console.is_terminal:
-        yield lambda _: None
-        return
-    columns = (
-        *(TextColumn("planning"), BarColumn(), MofNCompleteColumn()),
-        *(TextColumn("{task.fields[rate]}"), TimeRemainingColumn()),
-    )
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("", total=total, completed=done, rate="waiting for workers")
-        started = time.perf_counter()
-
-        def advance(more: int) -> None:
-            now = progress.tasks[task].completed + more
-            rate = (now - done) / (time.perf_counter() - started)
-            progress.update(task, completed=now, rate=f"{rate:z.1f}/s")
-
-        yield advance
+            ready += len(chunk.rows)
+            rate = (ready - int(done.sum())) / (time.perf_counter() - started)
+            left_s = (len(problems) - ready) / rate
+            tell(f"planning: {ready} of {len(problems)}, {rate:z.1f}/s, {left_s:z.0f} s left")
 
 
 def _report(out: Path, planned: int, wall_s: float, output: Output) -> None:

@@ -148,7 +148,7 @@ def _print(found: list[list[Estimate]]) -> None:
                 each.path.name,
                 digits(each.published_per_m, 1),
                 digits(each.arc_per_m, 1),
-                _error(each),
+                digits(each.measured and each.measured.arc.standard_error_per_m, 1),
             )
             for each in every
             if not each.refused
@@ -172,7 +172,3 @@ def _print_deviations(of: dict[str, Any]) -> None:
         rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))
     header = ("estimator", "pictures", "MSE [1/m2]", "slope", "MSE of mean repeats (how many)")
     print_table((*header, *(f"|kappa| {band}" for band in BAND_NAMES)), rows)
-
-
-def _error(each: Estimate) -> str:
-    return digits(each.measured.arc.standard_error_per_m, 1) if each.measured else "-"

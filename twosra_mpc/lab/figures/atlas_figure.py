@@ -101,7 +101,9 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
         ax.scatter(coded[x], coded["duration_s"], c=coded["code"], s=14, **style)
         ax.set(xlabel=_label(x), ylabel="duration [s]")
     else:
-        _draw_places(ax, coded, x, y, "code", _most_frequent, style)
+        _draw_places(
+            ax, coded, x, y, "code", lambda at: float(np.bincount(at.astype(int)).argmax()), style
+        )
     keys = {name or "no plan": colours(rank) for name, rank in ranks.items() if rank <= _TOLD_APART}
     if max(ranks.values()) > _TOLD_APART:
         keys["others"] = colours(_TOLD_APART + 1)
@@ -211,11 +213,6 @@ def _draw_places(
         if known.size:
             places[group["row_"].iloc[0], group["column_"].iloc[0]] = of(known)
     return ax.pcolormesh(xs, ys, np.ma.masked_invalid(places), shading="nearest", **style)
-
-
-def _most_frequent(codes: Array) -> float:
-    values, counts = np.unique(codes, return_counts=True)
-    return float(values[np.argmax(counts)])
 
 
 def _ranks(runs: DataFrame) -> dict[str, int]:

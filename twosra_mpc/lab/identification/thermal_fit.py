@@ -12,7 +12,6 @@ differ, so ranges are never narrower than `LOGS_DIFFER` on either side.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification import log_fit, plausibility
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
-from twosra_mpc.lab.identification.log_fit import Bounded, Family, Fitted, Residuals
+from twosra_mpc.lab.identification.log_fit import Bounded, Family, Residuals
 from twosra_mpc.lab.identification.log_plants import TwoNodePlant
 from twosra_mpc.lab.identification.log_response import HeaterLaw, Response, SensorLag, respond
 from twosra_mpc.robot.description import Robot
@@ -164,7 +163,10 @@ class ThermalFit:
 
 @public
 def identify(
-    log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None, segment: int = 0
+    log: HeatingLog,
+    robot: Robot,
+    on_progress: OnProgress = lambda done, of: None,
+    segment: int = 0,
 ) -> ThermalFit:
     """Fit the two-node model to a log, and cross-validate it.
 
@@ -181,17 +183,18 @@ def identify(
     own = two_node_segment(robot, segment)
     even = _plausible(log)
     family, cycles = two_nodes(own.sensor_gain), _separable_cycles(even)
-    done = _counted(on_progress, 1 + len(cycles))
-    best = done(log_fit.fit(family, even))
+    best = log_fit.fit(family, even)
+    on_progress(1, 1 + len(cycles))
     response = family.respond(best.values, even)
     off = log_fit.residuals(even, response)
     plausibility.check_fit(
         dict(zip(Parameters._fields, _TWO_NODES, strict=True)), best, off, log.source
     )
     held_out = []
-    for cycle in cycles:
+    for number, cycle in enumerate(cycles, start=2):
         here = even.cycle == cycle
-        part = Parameters(*done(log_fit.fit(family, even.scoring(~here), best.values)).values)
+        part = Parameters(*log_fit.fit(family, even.scoring(~here), best.values).values)
+        on_progress(number, 1 + len(cycles))
         unseen = log_fit.residuals(even.scoring(here), family.respond(part, even))
         held_out.append(HeldOut(cycle, part, unseen))
     found, errors = Parameters(*best.values), Parameters(*best.standard_errors)
@@ -306,15 +309,3 @@ def _by_name(of: Parameters) -> dict[str, float]:
 
 def _rounded(value: float) -> float:
     return float(np.format_float_scientific(value, _SIGNIFICANT - 1))
-
-
-def _counted(on_progress: OnProgress | None, total: int) -> Callable[[Fitted], Fitted]:
-    """Function that passes fits on, and counts them."""
-    numbers = itertools.count(1)
-
-    def done(fitted: Fitted) -> Fitted:
-        if on_progress is not None:
-            on_progress(next(numbers), total)
-        return fitted
-
-    return done

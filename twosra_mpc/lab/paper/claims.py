@@ -125,19 +125,6 @@ class Claim:
         }
 
 
-def equal(
-    words: str,
-    published: float,
-    ours: float | None,
-    unit: str = "",
-    *,
-    holds: float = 0.0,
-    caveat: float,
-) -> Reading:
-    """A number that should be the published one."""
-    return Reading(words, published, ours, unit, holds, caveat)
-
-
 def every(words: str, share: float | None) -> Reading:
     """Reading of a claim about all cases, by the share (0 to 1) in which it holds.
 

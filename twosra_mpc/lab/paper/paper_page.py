@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import base64
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -50,13 +50,9 @@ def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], fol
             shown=SHOWN,
             versions=versions(None),
             pictures={
-                picture.file: _address(folder / picture.file)
+                picture.file: b64encode((folder / picture.file).read_bytes()).decode()
                 for section in sections
                 for picture in section.pictures
             },
         )
     )
-
-
-def _address(path: Path) -> str:
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"

@@ -12,7 +12,7 @@ import numpy as np
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
-from twosra_mpc.lab.paper.claims import Claim, equal
+from twosra_mpc.lab.paper.claims import Claim, Reading
 from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
@@ -116,7 +116,7 @@ def _trials(logs: Data) -> Trials:
 def _distances(number: int, trial: Data | None) -> Claim:
     found = [None] * len(COORDINATES) if trial is None else trial["dtw"]["published"]
     readings = tuple(
-        equal(name, published, ours, holds=1e-3 * published, caveat=0.05 * published)
+        Reading(name, published, ours, "", 1e-3 * published, 0.05 * published)
         for name, published, ours in zip(COORDINATES, DTW[number], found, strict=True)
     )
     note = "Row numbers are part of these distances, so they mostly say how the lengths differ."

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -119,6 +119,7 @@ class SerialRobot:
         interrupts: Whether to interrupt it.
         poses: What sees it.
         patience: How long to wait for what.
+        reports: True if its temperatures are known.
     """
 
     problem: Problem
@@ -128,6 +129,7 @@ class SerialRobot:
     interrupts: Interrupts
     poses: PoseSource | None
     patience: Patience
+    reports: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         start = self.clock.now_s(), self.problem.temperatures
@@ -137,7 +139,6 @@ class SerialRobot:
             else ColdSegment(j)
             for j in range(self._count)
         ]
-        self._reports = False
         self._asked: Mode = rigid_mode(self._count)
         self._sent, self._sent_s = b"", -math.inf
         self._turns, self._due_s = False, 0.0
@@ -146,11 +147,6 @@ class SerialRobot:
     def robot(self) -> Robot:
         """The robot as described."""
         return self.problem.robot
-
-    @property
-    def reports(self) -> bool:
-        """True if its temperatures are known."""
-        return self._reports
 
     def listen(self) -> None:
         """Wait at rest for reports of all segments; afterwards it is known whether there are any.
@@ -175,7 +171,7 @@ class SerialRobot:
         if any(heard) and not all(heard):
             raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
         if all(heard):
-            self._reports, now_s, air_C = True, self.clock.now_s(), self.problem.ambient
+            self.reports, now_s, air_C = True, self.clock.now_s(), self.problem.ambient
             self._segments = [
                 ReportedSegment(self.robot, air_C, j, first_C, now_s)
                 for j, first_C in enumerate(heard)

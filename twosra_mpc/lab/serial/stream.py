@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -118,7 +119,8 @@ def stream(
         raise InputError("confirm", str(confirm), allowed)
     chosen = rate_Hz, confirm, poses, patience or Patience()
     executed: Executed = "stream" if poses is None else "optimal"
-    return _Stream(plan, clock, on_state, log, executed).run(port, *chosen)
+    file = None if log is None else RunFile(log, plan, executed)
+    return _Stream(plan, clock, on_state, file).run(port, *chosen)
 
 
 @public
@@ -177,20 +179,15 @@ class Recorder:
         return []
 
 
+@dataclass(eq=False)
 class _Stream:
     """One stream on its way."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        clock: Clock,
-        on_state: Callable[[StreamState], None],
-        log: Path | None,
-        executed: Executed = "stream",
-    ) -> None:
-        self.plan, self.clock, self.on_state = plan, clock, on_state
-        self.during = "before the plan began"
-        self.file = None if log is None else RunFile(log, plan, executed)
+    plan: Plan
+    clock: Clock
+    on_state: Callable[[StreamState], None]
+    file: RunFile | None
+    during: str = "before the plan began"
 
     def run(
         self,
