@@ -132,11 +132,6 @@ class Belief:
         return self._filter.deviation
 
     @property
-    def frame_deviation(self) -> Array:
-        """Standard deviation of one frame, (3 + n,)."""
-        return np.sqrt(self.camera.variance(self.problem.robot.coordinates))
-
-    @property
     def error(self) -> Array:
         """Distance to the goal as believed, (3 + n,)."""
         return self.goal.error(self.q.copy())
@@ -266,7 +261,10 @@ class Belief:
         self._listen()
         self._note_changes()
         if mode is not None:
-            self._note_drive(mode, begun_s)
+            if self._goes_on(mode, begun_s):
+                self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
+            else:
+                self.drives.append(Drive(mode, begun_s, self.now_s))
             self._compare(mode, before, after)
 
     def _begin(self) -> None:
@@ -347,12 +345,6 @@ class Belief:
                 self.changes.append(Change(self.now_s, segment + 1, now))
                 self.tell("confirmed", f"segment {segment + 1} is {now}")
             self._last_known[segment] = now
-
-    def _note_drive(self, mode: Mode, begun_s: float) -> None:
-        if self._goes_on(mode, begun_s):
-            self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
-        else:
-            self.drives.append(Drive(mode, begun_s, self.now_s))
 
     def _goes_on(self, mode: Mode, time_s: float) -> bool:
         """True if a drive at this time continues the last one."""

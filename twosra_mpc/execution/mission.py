@@ -113,8 +113,9 @@ class Mission:
     def judge(self) -> Abort | None:
         """Judge the task that is due; at one that ends at rest, objects were looked at."""
         task = self._left[0]
-        left = self._unheld() if task.rests else None
-        left = left or self._not_done(task)
+        if task.rests and self.belief.unseen_s > self._patience.unseen_s:
+            return Abort("camera", self.belief.unseen)
+        left = (self.dropped() if task.rests else None) or self._not_done(task)
         if left is None:
             self._done()
         return left
@@ -149,7 +150,10 @@ class Mission:
         name, first = self._concerned(), self._left[0]
         self.lost[name] += 1
         self.trouble, self._hold = words, None
-        again: tuple[Task, ...] = () if first.takes else (self._grasp(name),)
+        asked = (task for task in grasps(self.problem.tasks).values() if task.object == name)
+        again: tuple[Task, ...] = ()
+        if not first.takes:
+            again = (next(asked, Grasp(object=name)),)
         if first.lets_go and name in self._goals:
             again += (self._goals[name],)
         self._left, self._ends = (*again, *self._left), []
@@ -161,7 +165,10 @@ class Mission:
         problem, poses, holding = self.problem, self.poses(), self.holding
         held = [i for i, item in enumerate(problem.objects) if item.name == holding]
         q = fitted(problem, self.belief.q, poses, held)
-        objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
+        objects = [
+            item.with_values(pose=dict(zip(("x_m", "y_m", "phi_rad"), pose, strict=True)))
+            for item, pose in zip(problem.objects, poses.tolist(), strict=True)
+        ]
         start = problem.start.with_values(holding=holding)
         tasks = self.left
         aimed = {i: self._aimed(task) for i, task in carries(tasks).items()}
@@ -186,16 +193,6 @@ class Mission:
         named = self.holding or self._left[0].about
         assert named is not None
         return named
-
-    def _grasp(self, name: str) -> Grasp:
-        tasks = grasps(self.problem.tasks).values()
-        return next((task for task in tasks if task.object == name), Grasp(object=name))
-
-    def _unheld(self) -> Abort | None:
-        """True if what is held is not there any more, or nothing is seen."""
-        if self.belief.unseen_s > self._patience.unseen_s:
-            return Abort("camera", self.belief.unseen)
-        return self.dropped()
 
     def _not_done(self, task: Task) -> Abort | None:
         """True if what a task asks is missing at its end."""
@@ -378,8 +375,3 @@ def _far_m(away: Array) -> float:
 
 def _name(task: Task) -> str:
     return f"{task.do} {task.name or task.about or ''}".strip()
-
-
-def _put(item: Object, pose: Array) -> Object:
-    x_m, y_m, phi_rad = pose.tolist()
-    return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})

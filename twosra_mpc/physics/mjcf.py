@@ -71,7 +71,6 @@ def mjcf(
     *,
     problem: Problem | None = None,
     hinges: int = HINGES,
-    step_s: float = STEP_S,
 ) -> str:
     """Return the MJCF of a robot, straight and cold at the origin, or of a problem's start.
 
@@ -87,7 +86,6 @@ def mjcf(
         physics: Masses, stiffness and friction; default: the robot's own.
         problem: Start, obstacles, and objects, which are free bodies.
         hinges: Of each segment.
-        step_s: Time step.
 
     Raises:
         InputError: If its wheels cannot carry it.
@@ -100,7 +98,8 @@ def mjcf(
         q, solid = problem.start.configuration, [1 - each for each in problem.melt_fractions]
         standing, things = [*problem.obstacles], [*problem.objects]
         names = [WALL + name for name in problem.world.names]
-    solids = [_prisms(each) for each in (*standing, *(item.own for item in things))]
+    shapes = (*standing, *(item.own for item in things))
+    solids = [[_prism(part) for part in convex_parts(shape.corners_m)] for shape in shapes]
     ends = itertools.accumulate(map(len, solids), initial=1)
     numbers = [range(begin, end) for begin, end in itertools.pairwise(ends)]
     own, pieces_m = physics or robot.true_physics, np.array(geometry.lengths_m) / hinges
@@ -113,7 +112,7 @@ def mjcf(
         geometry=geometry,
         physics=own,
         springs=[springs(own, *one) for one in each],
-        step_s=step_s,
+        step_s=STEP_S,
         prisms=[*itertools.chain.from_iterable(solids)],
         walls=[*zip(names, numbers[: len(standing)], strict=True)],
         objects=[*zip(things, numbers[len(standing) :], strict=True)],
@@ -190,7 +189,6 @@ def _hinges(geometry: Geometry, segments: Sequence[int], side: int, count: int) 
     return found
 
 
-def _prisms(shape: Obstacle) -> list[list[float]]:
-    """Corners of convex parts of a polygon, standing on the ground."""
-    parts = [part.tolist() for part in convex_parts(shape.corners_m)]
-    return [[v for z in (0, _HEIGHT_M) for x, y in part for v in (x, y, z)] for part in parts]
+def _prism(part: Array) -> list[float]:
+    """Corners of a convex polygon (k, 2) standing on the ground."""
+    return [v for z in (0, _HEIGHT_M) for x, y in part.tolist() for v in (x, y, z)]

@@ -81,14 +81,11 @@ def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     sides = [world_figures.free_side(outline, shape) for outline in outlines]
     return {
         "objects": [moved_to(pose) for pose in poses],
-        "names": [_name_at(at, way) for at, way in sides],
+        "names": [
+            [*svg_points(at + way * _NAME_M).split(","), ("middle", "start", "end")[round(way[0])]]
+            for at, way in sides
+        ],
     }
-
-
-def _name_at(at: Array, way: Array) -> list[str]:
-    """Place of a name that is written from ``at`` in a direction, and where its text begins."""
-    anchor = ("middle", "start", "end")[round(way[0])]
-    return [*svg_points(at + way * _NAME_M).split(","), anchor]
 
 
 def moved_to(pose: Array) -> str:

@@ -309,14 +309,11 @@ class SimulatedRobot:
             temperature_C=tuple(segment.measured_C for segment in self.segments),
             stiffness=tuple(segment.stiffness for segment in self.segments),
             faulty=tuple(segment.faulty for segment in self.segments),
-            objects=self._objects_in([seen for _, _, seen in arrived if seen is not None]),
+            objects=None
+            if self.objects is None
+            else np.array([seen for _, _, seen in arrived]).reshape(-1, *self.objects.poses.shape),
             current_A=tuple(segment.told_A() for segment in self.segments),
         )
-
-    def _objects_in(self, frames: list[Array]) -> Array | None:
-        if self.objects is None:
-            return None
-        return np.array(frames).reshape(-1, *self.objects.poses.shape)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Set wheels and heaters; wheels that are told to turn too fast turn at their limit.
