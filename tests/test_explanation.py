@@ -13,7 +13,7 @@ from conftest import Run
 from once import planned, solved
 
 import twosra_mpc.analysis.alternatives as alternatives_module
-import twosra_mpc.cli.explain_command as command
+import twosra_mpc.cli.planning as command
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, PlanInterrupted, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative

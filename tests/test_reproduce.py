@@ -35,10 +35,9 @@ from twosra_mpc.lab.paper import (
     statistics,
     unit_paths,
 )
-from twosra_mpc.lab.paper.claims import every
-from twosra_mpc.lab.paper.paper_page import SHOWN
-from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE, SHOWN
+from twosra_mpc.lab.paper.section import every
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 
 CURVATURES = [0.0, -20.0, -45.0, -30.0, -2.0]
 PHOTOGRAPHS = ("--scale", SCALE_M, "--length", LENGTH_M, "--towards", "39,35")

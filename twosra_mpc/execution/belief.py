@@ -11,8 +11,13 @@ import numpy as np
 from twosra_mpc.control.stiffness import KnownStiffness, clearly_rigid, clearly_soft
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
-from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
-from twosra_mpc.execution.objects_seen import ObjectsSeen
+from twosra_mpc.execution.guard import (
+    Guard,
+    MeetsItselfError,
+    ObjectsSeen,
+    TooNearError,
+    bends_into_itself,
+)
 from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
 from twosra_mpc.execution.segment_watch import SegmentWatch

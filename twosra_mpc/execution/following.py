@@ -201,7 +201,7 @@ class Following:
         """Go on with another plan, unless that has been done too often."""
         settings, belief = self.settings, self.belief
         if plan.cost.transitions:
-            if self.mission.advanced:
+            if len(self.mission.done_s) > self.mission.done_before:
                 self._replans = 0
             if self._replans == settings.replans:
                 words = f"{belief.where} after planning again {times(self._replans)}"

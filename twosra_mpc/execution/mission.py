@@ -14,8 +14,7 @@ import numpy as np
 
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.course import Abort
-from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.objects_seen import cage_of, fitted
+from twosra_mpc.execution.guard import Guard, cage_of, fitted
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
@@ -37,6 +36,7 @@ class Mission:
     Attributes:
         rests: Whether tasks end at rest or are about objects: then it matters where a robot bends.
         done_s: When tasks were done.
+        done_before: How many, before the plan that is followed.
         lost: How often each object was lost.
         trouble: What was lost last and not grasped since, in words; empty if nothing.
     """
@@ -61,7 +61,7 @@ class Mission:
         self._left = tuple(self._asked.get(task, task) for task in plan.problem.tasks)
         self._ends = list(plan.trajectory.done_s) if self.rests else []
         self._grips = list(carried(plan.trajectory))
-        self._done_before = len(self.done_s)
+        self.done_before = len(self.done_s)
         self._hold: Carried | None = None
         self._room_m = 0.0
         self._path = [self.belief.q]
@@ -135,11 +135,6 @@ class Mission:
     def account(self) -> tuple[tuple[float, ...], int]:
         """Times when tasks were done, and how often objects were lost."""
         return tuple(self.done_s), self.lost.total()
-
-    @property
-    def advanced(self) -> bool:
-        """True if a task was done by the plan that was followed last."""
-        return len(self.done_s) > self._done_before
 
     def lose(self, words: str) -> int:
         """Have the object of this task grasped again: it is not held, or not where it was put.

@@ -59,9 +59,12 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     if playback.problem.objects:
         placed = zip(robots, q[kept], playback.objects[kept], strict=True)
         robots = [each | objects_at(playback, at, poses) for each, at, poses in placed]
+    length_s = min(_LONGEST_S, _REST_S + _PHASE_S * len(plan.phases))
+    if not plan.transitions:  # nothing is waited for: the true time
+        length_s = float(np.clip(plan.moving_s, _SHORTEST_S, _LONGEST_S))
     events = {int(np.searchsorted(times, t - _SAME_S)) for t in event_times(plan)}
     return {
-        "length_s": film_length_s(plan),
+        "length_s": length_s,
         "time_s": np.round(times, 6).tolist(),
         "pose": [0, *np.cumsum(new).tolist()],
         "poses": robots,
@@ -110,13 +113,6 @@ def mission(plan: Plan) -> dict[str, Any]:
         ],
         "targets": [(number, moved_to(pose)) for number, pose in aims],
     }
-
-
-def film_length_s(plan: Plan) -> float:
-    """Length of the film [s]: the true time where nothing is waited for, else as fits."""
-    if not plan.transitions:
-        return float(np.clip(plan.moving_s, _SHORTEST_S, _LONGEST_S))
-    return min(_LONGEST_S, _REST_S + _PHASE_S * len(plan.phases))
 
 
 def event_times(plan: Plan) -> list[float]:

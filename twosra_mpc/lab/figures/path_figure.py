@@ -111,7 +111,9 @@ def path_curves(geometry: Geometry, points: int = 241) -> list[PathCurves]:
         bends = np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points)
         exact = exact_path(case, geometry, bends) / length
         drawn = spiral_points(spiral, polar(exact, *spiral.centre)[1])
-        successor = cardioid_points(cardioid, np.linspace(0.0, CARDIOID_BEND_RAD, points)) / length
+        turn = cardioid.phi_per_alpha * np.linspace(0.0, CARDIOID_BEND_RAD, points)
+        radius = 2 * cardioid.radius_m * (1 + np.cos(turn))
+        successor = _cartesian(radius, turn, cardioid.centre_m) / length
         curves.append(PathCurves(case, exact, drawn, successor, spiral, cardioid))
     return curves
 
@@ -212,12 +214,6 @@ def spiral_points(fit: SpiralFit, turn_rad: ArrayLike) -> Array:
     turn = np.asarray(turn_rad, dtype=float)
     radius = fit.scale * np.exp(-fit.growth * (fit.start_rad + turn))
     return _cartesian(radius, turn, fit.centre)
-
-
-def cardioid_points(fit: CardioidFit, alpha: ArrayLike) -> Array:
-    """Points of a cardioid [m] at bending angles (n,) [rad], shape (n, 2)."""
-    turn = fit.phi_per_alpha * np.asarray(alpha, dtype=float)
-    return _cartesian(2 * fit.radius_m * (1 + np.cos(turn)), turn, fit.centre_m)
 
 
 def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:

@@ -24,8 +24,13 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification import log_fit, plausibility
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
 from twosra_mpc.lab.identification.log_fit import Bounded, Family, Residuals
-from twosra_mpc.lab.identification.log_plants import TwoNodePlant
-from twosra_mpc.lab.identification.log_response import HeaterLaw, Response, SensorLag, respond
+from twosra_mpc.lab.identification.log_response import (
+    HeaterLaw,
+    Response,
+    SensorLag,
+    TwoNodePlant,
+    respond,
+)
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode

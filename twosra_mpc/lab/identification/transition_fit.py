@@ -32,8 +32,7 @@ from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.identification import plausibility
 from twosra_mpc.lab.identification.heating_log import Flags, check_readings
 from twosra_mpc.lab.identification.log_fit import Fitted
-from twosra_mpc.lab.identification.log_plants import TwoNodePlant, driven
-from twosra_mpc.lab.identification.log_response import SensorLag
+from twosra_mpc.lab.identification.log_response import SensorLag, TwoNodePlant, driven
 from twosra_mpc.lab.identification.thermal_fit import (
     SEGMENT_PARAMETERS,
     UNIT,
@@ -262,8 +261,15 @@ def identify_transitions(
     on_progress(1, PARTS + 1)
     fitted_s = predict(best.values)
     off = np.abs(fitted_s / [each.duration_s for each in logged] - 1)[counted]
-    thresholds = f"{own.solid_below_C:zg} and {own.liquid_above_C:zg} C"
-    _check_fit(best.values, off, f"{robot.name}'s thresholds, {thresholds}", source)
+    if (median := float(np.median(off))) > LARGEST_MEDIAN:
+        allowed = (
+            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
+            f" targets, and {robot.name}'s thresholds, {own.solid_below_C:zg} and"
+            f" {own.liquid_above_C:zg} C"
+        )
+        raise InputError("error of durations", round(median, 2), allowed, source)
+    searched = {name: SEGMENT_PARAMETERS[name] for name in _FITTED}
+    plausibility.check_bounds(searched, best.values, source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
         out = number * PARTS // len(logged) == part  # a stretch of the log: days differ
@@ -287,17 +293,6 @@ def identify_transitions(
         largest=largest,
         predictions=tuple(Prediction(*each) for each in predictions),
     )
-
-
-def _check_fit(values: tuple[float, ...], off: Array, thresholds: str, source: str) -> None:
-    """Refuse durations that are missed by too large a share, and values at their bounds."""
-    if (median := float(np.median(off))) > LARGEST_MEDIAN:
-        allowed = (
-            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
-            f" targets, and {thresholds}"
-        )
-        raise InputError("error of durations", round(median, 2), allowed, source)
-    plausibility.check_bounds({name: SEGMENT_PARAMETERS[name] for name in _FITTED}, values, source)
 
 
 def _fitted(

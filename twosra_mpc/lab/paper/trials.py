@@ -12,10 +12,9 @@ import numpy as np
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
-from twosra_mpc.lab.paper.claims import Claim, Reading
-from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
+from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Table, Tell, declared
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.modes import mode_name, sequence_name
