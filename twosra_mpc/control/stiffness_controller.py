@@ -154,7 +154,9 @@ class StiffnessController:
         if sound and state.protection != "fault":
             return self._regulate(state, setpoint, self.segment_C(measured_C), dt_s)
         if sound and setpoint == "rigid":
-            return self._restart(state, measured_C, dt_s)
+            fresh = self.start(measured_C)  # the sensor must show anew what the segment is
+            known = replace(fresh.known, stiffness="changing")
+            return replace(fresh, time_s=state.time_s + dt_s, known=known)
         return self._switch_off(state, dt_s)
 
     def segment_C(self, measured_C: float) -> float:
@@ -231,12 +233,6 @@ class StiffnessController:
             protection="fault",
             known=replace(state.known, stiffness="changing"),
         )
-
-    def _restart(self, state: ControllerState, measured_C: float, dt_s: float) -> ControllerState:
-        """After a fault: the sensor must show anew what the segment is."""
-        fresh = self.start(measured_C)
-        known = replace(fresh.known, stiffness="changing")
-        return replace(fresh, time_s=state.time_s + dt_s, known=known)
 
 
 def stiffness_controller(robot: Robot, ambient_C: float, segment: int) -> StiffnessController:

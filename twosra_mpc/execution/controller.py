@@ -157,7 +157,9 @@ class Controller:
                 activity = activity.advance()
             except (SegmentError, DoubtError, TooNearError) as trouble:
                 activity = self._troubled(trouble)
-        return self._ended(activity)
+        self.verdict = activity
+        self.belief.tell("end", activity.reason)
+        return self.belief.give(self._off)
 
     def _troubled(self, trouble: Trouble) -> Next:
         """Stand, and look where that is, before anything is done about a trouble."""
@@ -169,14 +171,9 @@ class Controller:
             belief.doubt_segments(trouble.segments)
         return policy.troubled(trouble)
 
-    def _ended(self, verdict: Verdict) -> Command:
-        """Wheels stand, heaters are off."""
-        self.verdict = verdict
-        self.belief.tell("end", verdict.reason)
-        return self.belief.give(self._off)
-
     @property
     def _off(self) -> Command:
+        """Wheels stand, heaters are off."""
         belief = self.belief
         off_C = np.full_like(belief.setpoint_C, belief.problem.robot.heater.rigid_setpoint_C)
         return Command(off_C, belief.camera.period_s)
@@ -203,13 +200,11 @@ class _Suspicion:
     def _looked(self) -> Next:
         if self.doubt.look(self.belief.seen_at_rest()):
             return self._judged()
-        return self._looking(_LOOK_AGAIN, 4 * _LOOK_S, self._looked_again)
+        return self._looking(_LOOK_AGAIN, 4 * _LOOK_S, partial(self._judged, again=True))
 
-    def _looked_again(self) -> Next:
-        self.doubt.look_again(self.belief.seen_at_rest())
-        return self._judged()
-
-    def _judged(self) -> Next:
+    def _judged(self, again: bool = False) -> Next:
+        if again:
+            self.doubt.look_again(self.belief.seen_at_rest())
         self.doubt.judge(self.belief.now_s, self.belief.known)
         return self.then
 

@@ -142,7 +142,9 @@ class Mission:
         Returns:
             How often it has been lost by now.
         """
-        name, first = self._concerned(), self._left[0]
+        first = self._left[0]
+        name = self.holding or first.about  # what is held, or the task is about
+        assert name is not None
         self.lost[name] += 1
         self.trouble, self._hold = words, None
         asked = (task for task in grasps(self.problem.tasks).values() if task.object == name)
@@ -182,12 +184,6 @@ class Mission:
             in_b0 = seen if belief.objects.seen else hold.pose_in_b0
             poses[hold.object] = composed(belief.q[:POSE], in_b0)
         return poses
-
-    def _concerned(self) -> str:
-        """Name of the object that the task is about, or that is held meanwhile."""
-        named = self.holding or self._left[0].about
-        assert named is not None
-        return named
 
     def _not_done(self, task: Task) -> Abort | None:
         """True if what a task asks is missing at its end."""
@@ -239,7 +235,9 @@ class Mission:
         goal = self._goals.get(task.object)
         if goal is None or self._off(goal) <= 1.0:
             return None
-        self._learn(task.object)
+        if self._put_at is not None:  # how it was dragged along: it will be so again
+            (pose, q), now = self._put_at, self.poses()[self._numbers[task.object]]
+            self._drags[task.object] = (now - pose)[:2] @ rotation(-q[2])
         text = f"{task.object} was moved while it was released: {self._where(goal)}"
         return Abort("lost", text)
 
@@ -259,12 +257,6 @@ class Mission:
             return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
         self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
         return None
-
-    def _learn(self, name: str) -> None:
-        """Remember how the robot dragged an object along as it opened: it will do so again."""
-        if self._put_at is not None:
-            (pose, q), now = self._put_at, self.poses()[self._numbers[name]]
-            self._drags[name] = (now - pose)[:2] @ rotation(-q[2])
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""

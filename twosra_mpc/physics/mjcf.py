@@ -71,6 +71,7 @@ def mjcf(
     *,
     problem: Problem | None = None,
     hinges: int = HINGES,
+    step_s: float = STEP_S,
 ) -> str:
     """Return the MJCF of a robot, straight and cold at the origin, or of a problem's start.
 
@@ -86,6 +87,7 @@ def mjcf(
         physics: Masses, stiffness and friction; default: the robot's own.
         problem: Start, obstacles, and objects, which are free bodies.
         hinges: Of each segment.
+        step_s: Time step.
 
     Raises:
         InputError: If its wheels cannot carry it.
@@ -112,7 +114,7 @@ def mjcf(
         geometry=geometry,
         physics=own,
         springs=[springs(own, *one) for one in each],
-        step_s=STEP_S,
+        step_s=step_s,
         prisms=[*itertools.chain.from_iterable(solids)],
         walls=[*zip(names, numbers[: len(standing)], strict=True)],
         objects=[*zip(things, numbers[len(standing) :], strict=True)],

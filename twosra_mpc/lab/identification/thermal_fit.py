@@ -34,6 +34,7 @@ from twosra_mpc.lab.identification.log_response import (
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
+from twosra_mpc.thermal.uncertainty import NORMAL_95
 
 OnProgress = Callable[[int, int], None]
 
@@ -42,7 +43,6 @@ OnProgress = Callable[[int, int], None]
 LOGS_DIFFER = 0.3
 
 _SIGNIFICANT = 5  # digits of what goes into a robot file
-_NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
 
 _LAG = Bounded(3.0, 0.2, 30.0)
 _LAW = (Bounded(0.04, 1e-4, 2.0), Bounded(0.4, -5.0, 5.0, positive=False))
@@ -205,10 +205,12 @@ def identify(
     found, errors = Parameters(*best.values), Parameters(*best.standard_errors)
     each = [found, *(part.parameters for part in held_out)]
     smallest, largest = (Parameters(*map(pick, zip(*each, strict=True))) for pick in (min, max))
+    by_name = (of._asdict() for of in (errors, smallest, largest))
+    fitted = {name: getattr(found, name) for name in SEGMENT_FIELDS}
     return ThermalFit(
         source=log.source,
         robot=robot.name,
-        segment=described(own, *map(_by_name, (found, errors, smallest, largest))),
+        segment=described(own, fitted, *by_name),
         parameters=found,
         standard_errors=errors,
         smallest=smallest,
@@ -300,16 +302,12 @@ def described(
     """
     ranges: dict[str, tuple[float, float]] = dict(own.ranges)
     for name, value in found.items():
-        spread = max(_NORMAL_95 * errors[name], LOGS_DIFFER * value)
+        spread = max(NORMAL_95 * errors[name], LOGS_DIFFER * value)
         spread = min(spread, 0.9 * value)  # of what the log does not tell
         ends = min(low[name], value - spread), max(high[name], value + spread)
         ranges[name] = (_rounded(ends[0]), _rounded(ends[1]))
     values = {name: _rounded(value) for name, value in found.items()}
     return own.with_values(**values, ranges=ranges)
-
-
-def _by_name(of: Parameters) -> dict[str, float]:
-    return dict(zip(SEGMENT_FIELDS, of, strict=False))
 
 
 def _rounded(value: float) -> float:

@@ -49,7 +49,6 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
 from twosra_mpc.validation import ArrayValue, Count, Positive
 
-FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 
 _CURVATURE_LIMIT = 10.0 * CURVATURE_RANGE  # 1/m, beyond it the run is given up as diverged
@@ -91,11 +90,11 @@ class PublishedTrajectory(ArrayValue):
         every_mode: modes of all iterations, recorded or not, without repetitions.
     """
 
-    q: FloatArray
+    q: Array
     mode: IntArray
-    velocity: FloatArray
+    velocity: Array
     iteration: IntArray
-    final_q: FloatArray
+    final_q: Array
     stop: StopReason
     iterations: int
     every_mode: ModeSequence

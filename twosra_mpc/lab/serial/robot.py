@@ -137,9 +137,9 @@ class SerialRobot:
             ModelledSegment(self.robot, self.problem.ambient, j, start[1][j], start[0])
             if self.robot.describes_heat
             else ColdSegment(j)
-            for j in range(self._count)
+            for j in range(self.robot.coordinates.segments)
         ]
-        self._asked: Mode = rigid_mode(self._count)
+        self._asked: Mode = rigid_mode(self.robot.coordinates.segments)
         self._sent, self._sent_s = b"", -math.inf
         self._turns, self._due_s = False, 0.0
 
@@ -155,10 +155,10 @@ class SerialRobot:
             RobotError: If only some segments report, or what nobody can read, or the line does not
                 work any more.
         """
-        heard: list[list[float]] = [[] for _ in range(self._count)]
-        unreadable = [0] * self._count
+        heard: list[list[float]] = [[] for _ in range(self.robot.coordinates.segments)]
+        unreadable = [0] * self.robot.coordinates.segments
         until_s = self.clock.now_s() + self.patience.listen_s
-        off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
+        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
         while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < MEDIAN_OF:
             self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
@@ -188,11 +188,12 @@ class SerialRobot:
             RobotError: If nothing sees it, or the line does not work any more.
         """
         until_s, frames = self.clock.now_s() + self.patience.listen_s, self.read().frames
+        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
         while not seen():
             if self.clock.now_s() >= until_s:
                 known = f"no pose within {self.patience.listen_s:zg} s"
                 raise RobotError(f"{known}: {describe()}")
-            self.send(_STILL, np.full(self._count, self.robot.heater.rigid_setpoint_C))
+            self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
             frames = self.read().frames
         return frames
@@ -263,7 +264,7 @@ class SerialRobot:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""
         failure: PortError | None = None
         sent = 0
-        stop = stop_command(self._count, self.robot.robot_id)
+        stop = stop_command(self.robot.coordinates.segments, self.robot.robot_id)
         for _ in range(STOPS):
             try:
                 self.port.write(stop)
@@ -275,14 +276,10 @@ class SerialRobot:
             self.clock.sleep(STOP_PAUSE_S)
         return None if sent else failure
 
-    @property
-    def _count(self) -> int:
-        return self.robot.coordinates.segments
-
     def _heard(self) -> list[list[float]]:
         """Readings of each segment that have been reported since the last time."""
-        heard: list[list[float]] = [[] for _ in range(self._count)]
+        heard: list[list[float]] = [[] for _ in range(self.robot.coordinates.segments)]
         for line in self.port.read_lines():
-            if (report := parse_report(line, self._count)) is not None:
+            if (report := parse_report(line, self.robot.coordinates.segments)) is not None:
                 heard[report.segment].append(report.temperature_C)
         return heard
