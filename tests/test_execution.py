@@ -460,20 +460,18 @@ def test_heaters_wait_for_the_phases_before_them() -> None:
     end_s = made.samples.t_s[-1]
     off, soft, warm = 25.0, 65.0, course.warm_C
 
-    def setpoints(clock_s: float, done: int) -> list[float]:
+    def at(clock_s: float, done: int) -> Course:
         course.clock_s, course.done = clock_s, done
-        return course.setpoint_C.tolist()
+        return course
 
-    assert setpoints(0.0, 0) == [warm, off]
-    assert setpoints(1.0, 1) == [soft, off]
+    assert at(0.0, 0).setpoint_C.tolist() == [warm, off]
+    assert at(1.0, 1).setpoint_C.tolist() == [soft, off]
     assert made.phases[1].start_s > melt_2.heater_s
-    assert setpoints(made.phases[1].start_s, 1) == [soft, warm]
-    assert setpoints(made.phases[1].end_s, 2) == [soft, soft]
-    assert setpoints(made.phases[2].end_s, 2) == [soft, soft]
-    assert setpoints(made.phases[2].end_s, 3) == [off, off]
-    course.clock_s = end_s
-    for course.done, begun in enumerate([0, 1, 2, 4]):
-        assert course.begun == begun
+    assert at(made.phases[1].start_s, 1).setpoint_C.tolist() == [soft, warm]
+    assert at(made.phases[1].end_s, 2).setpoint_C.tolist() == [soft, soft]
+    assert at(made.phases[2].end_s, 2).setpoint_C.tolist() == [soft, soft]
+    assert at(made.phases[2].end_s, 3).setpoint_C.tolist() == [off, off]
+    assert [at(end_s, done).begun for done in range(4)] == [0, 1, 2, 4]
     assert course.expected_s(0, "rigid") > 200
     assert 61 - 25 > warm - 25 > 15
 
