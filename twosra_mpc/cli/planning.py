@@ -7,14 +7,11 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from twosra_mpc.analysis.critical_path import Activity
-from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli import options
-from twosra_mpc.cli.options import SCENARIO, Load, command, scenario_options
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.installation import require
@@ -26,6 +23,10 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
+
+if TYPE_CHECKING:
+    from twosra_mpc.analysis.critical_path import Activity
+    from twosra_mpc.analysis.explanation import Explanation
 
 
 @options.command("plan")
@@ -160,10 +161,12 @@ def exit_code(*results: Result) -> int:
     return Exit.PLANNED if finished else Exit.NO_PLAN
 
 
-@command("explain")
-@click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact")
-def explain_command(scenario: str, load: Load, output: Output) -> int:
+@options.command("explain")
+@click.argument("scenario", **options.SCENARIO)
+@options.scenario_options(
+    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact"
+)
+def explain_command(scenario: str, load: options.Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
     Every other plan is found by planning again: the next best mode sequence, each mode forbidden,
@@ -180,6 +183,8 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     What do the tasks of a mission share?
       twosra explain three-shapes
     """
+    from twosra_mpc.analysis.explanation import explain  # no other command waits for it
+
     problem = load(scenario)
     with output.progress("planning") as tell:
         try:
