@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from benchmarks.scenes import scenes
 from twosra_mpc import Goal, InputError, Problem, Start, load_problem, load_robot
 from twosra_mpc.files import read_document, reading
-from twosra_mpc.lab.batch.random_set import RandomSet
+from twosra_mpc.lab.batch.spec import RandomSet
 from twosra_mpc.validation import FrozenDict, plain
 
 FOLDER = Path(__file__).parent / "sets"

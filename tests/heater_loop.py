@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.control.heated_segment import HeatedSegment
-from twosra_mpc.control.stiffness_controller import Event, StiffnessController
+from twosra_mpc.control.stiffness_controller import StiffnessController
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Stiffness
@@ -62,7 +62,13 @@ class HeaterRun:
     integrator: Array
     heat_J: Array
     stiffness: NDArray[np.str_]
-    events: tuple[Event, ...]
+    protection: NDArray[np.str_]
+
+    @property
+    def kinds(self) -> list[str]:
+        """What the controller says of the segment, whenever that changes."""
+        words = np.where(self.protection == "none", self.stiffness, self.protection)
+        return words[1:][words[1:] != words[:-1]].tolist()
 
 
 @dataclass(frozen=True)
@@ -100,21 +106,20 @@ def simulate_heater(
     segment = HeatedSegment(
         plant, sensor, controller, start_C, rng.standard_normal, rigid_setpoint_C=-math.inf
     )
-    rows, events = [_sample(segment)], list[Event]()
+    rows = [_sample(segment)]
     for setpoint in setpoints[1:]:
         asked_C = controller.soft_setpoint_C if setpoint == "soft" else -math.inf
         segment.advance(asked_C, step_s)
         rows.append(_sample(segment))
-        events.extend(segment.news)
     sampled = zip(_SAMPLED, zip(*rows, strict=True), strict=True)
     columns = {name: np.array(column) for name, column in sampled}
     soft = np.array(setpoints) == "soft"
-    return HeaterRun(time_s=times, soft_setpoint=soft, events=tuple(events), **columns)
+    return HeaterRun(time_s=times, soft_setpoint=soft, **columns)
 
 
 _SAMPLED = (
     *("temperature_C", "melt_fraction", "measured_C", "estimated_melt_fraction"),
-    *("current_A", "integrator", "heat_J", "stiffness"),
+    *("current_A", "integrator", "heat_J", "stiffness", "protection"),
 )
 
 
@@ -122,7 +127,8 @@ def _sample(segment: HeatedSegment) -> tuple[object, ...]:
     """Values of a sample, in the order of `_SAMPLED`."""
     memory, estimated = segment.memory, segment.controller.melt_fraction(segment.memory)
     true = segment.temperature_C, segment.melt_fraction, segment.measured_C, estimated
-    return *true, memory.current_A, memory.integrator, segment.heat_J, memory.stiffness
+    told = memory.stiffness, memory.protection
+    return *true, memory.current_A, memory.integrator, segment.heat_J, *told
 
 
 def stretches(run: HeaterRun, soft_setpoint_C: float) -> tuple[Stretch, ...]:

@@ -25,8 +25,8 @@ from test_cli_output import examples
 
 from twosra_mpc import InputError, load_plan, plan
 from twosra_mpc.analysis.critical_path import critical_path
-from twosra_mpc.lab.batch import chunk, folder, read_runs, workers
-from twosra_mpc.lab.batch.chunk import Asked, plan_chunk
+from twosra_mpc.lab.batch import folder, read_runs, workers
+from twosra_mpc.lab.batch.folder import Asked, plan_chunk
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import Spec, load_spec
 from twosra_mpc.lab.batch.table import GREEDY_COLUMNS, RESULT_COLUMNS
@@ -298,14 +298,14 @@ class _Deadly(WorkerPlugin):
 
     def setup(self, worker: Worker) -> None:
         del worker
-        real = chunk.plan
+        real = folder.plan
 
         def deadly(problem: Problem) -> object:
             if problem.time_limit_s == 103.0:
                 os._exit(1)
             return real(problem)
 
-        chunk.plan = deadly
+        folder.plan = deadly
 
 
 def test_a_problem_that_kills_every_worker_is_a_row() -> None:

@@ -27,8 +27,14 @@ from twosra_mpc.lab.figures.curvature_figure import plot_curvature
 from twosra_mpc.lab.photographs.arc import Arc, fit_arc
 from twosra_mpc.lab.photographs.picture import Camera, find_segment, pictures_in, read_photograph
 from twosra_mpc.lab.photographs.published_steps import published_curvature
-from twosra_mpc.lab.photographs.references import deviation, load_cycles, read_references
-from twosra_mpc.lab.photographs.study import COLUMNS, estimate_folder, save_estimates
+from twosra_mpc.lab.photographs.study import (
+    COLUMNS,
+    deviation,
+    estimate_folder,
+    load_cycles,
+    read_references,
+    save_estimates,
+)
 from twosra_mpc.robot.coordinates import Array
 
 MOST = 60.0  # 1/m

@@ -14,15 +14,15 @@ from problems import exactly
 from scipy.optimize import newton
 
 from twosra_mpc import InputError, Problem, load_problem, plan
-from twosra_mpc.execution.belief import Metal
+from twosra_mpc.execution.belief import Belief, Metal
 from twosra_mpc.execution.camera_filter import CameraFilter
-from twosra_mpc.execution.course import HeaterSchedule, Progress
+from twosra_mpc.execution.course import Course
 from twosra_mpc.execution.driving import Pulses, predicted_curvatures, settling
 from twosra_mpc.execution.executor import Executor, plan_controller
 from twosra_mpc.execution.replanning import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate, spread
@@ -455,31 +455,35 @@ def test_pulses_are_worth_the_command_on_average() -> None:
 
 def test_heaters_wait_for_the_phases_before_them() -> None:
     made = planned("paper-1", robot=ARC)  # [0,0] > [1,0] > [1,1]
-    schedule = HeaterSchedule(made)
+    course = Course(Belief(made.problem, Camera(), Patience()), made, Patience())
     melt_2 = next(t for t in made.transitions if (t.segment, t.to) == (2, "soft"))
     end_s = made.samples.t_s[-1]
-    off, soft, warm = 25.0, 65.0, schedule.warm_C
-    assert schedule.setpoints(Progress(0.0, 0)).tolist() == [warm, off]
-    assert schedule.setpoints(Progress(1.0, 1)).tolist() == [soft, off]
-    late = Progress(made.phases[1].start_s, 1)
-    assert late.clock_s > melt_2.heater_s
-    assert schedule.setpoints(late).tolist() == [soft, warm]
-    assert schedule.setpoints(Progress(made.phases[1].end_s, 2)).tolist() == [soft, soft]
-    assert schedule.setpoints(Progress(made.phases[2].end_s, 2)).tolist() == [soft, soft]
-    assert schedule.setpoints(Progress(made.phases[2].end_s, 3)).tolist() == [off, off]
-    assert [schedule.begun(Progress(end_s, done)) for done in range(4)] == [0, 1, 2, 4]
-    assert schedule.expected_s(0, "rigid") > 200
+    off, soft, warm = 25.0, 65.0, course.warm_C
+
+    def at(clock_s: float, done: int) -> Course:
+        course.clock_s, course.done = clock_s, done
+        return course
+
+    assert at(0.0, 0).setpoint_C.tolist() == [warm, off]
+    assert at(1.0, 1).setpoint_C.tolist() == [soft, off]
+    assert made.phases[1].start_s > melt_2.heater_s
+    assert at(made.phases[1].start_s, 1).setpoint_C.tolist() == [soft, warm]
+    assert at(made.phases[1].end_s, 2).setpoint_C.tolist() == [soft, soft]
+    assert at(made.phases[2].end_s, 2).setpoint_C.tolist() == [soft, soft]
+    assert at(made.phases[2].end_s, 3).setpoint_C.tolist() == [off, off]
+    assert [at(end_s, done).begun for done in range(4)] == [0, 1, 2, 4]
+    assert course.expected_s(0, "rigid") > 200
     assert 61 - 25 > warm - 25 > 15
 
 
 def test_one_heater_at_a_time_is_kept() -> None:
     made = planned("paper-1", robot=ARC, heaters_at_once=1)
-    schedule = HeaterSchedule(made)
+    course = Course(Belief(made.problem, Camera(), Patience()), made, Patience())
     for clock_s in np.linspace(0.0, made.samples.t_s[-1], 400):
         done = sum(phase.end_s <= clock_s for phase in made.phases)
         for before in (max(done - 1, 0), done):
-            setpoint_C = schedule.setpoints(Progress(float(clock_s), before))
-            assert (setpoint_C > 25.0).sum() <= 1
+            course.clock_s, course.done = float(clock_s), before
+            assert (course.setpoint_C > 25.0).sum() <= 1
 
 
 def test_the_rest_of_a_problem_leaves_alone_what_is_near_enough() -> None:

@@ -13,7 +13,6 @@ from conftest import Run
 from once import planned, solved
 
 import twosra_mpc.analysis.alternatives as alternatives_module
-import twosra_mpc.cli.explain_command as command
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, PlanInterrupted, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative
@@ -425,7 +424,7 @@ def test_the_command_says_that_it_was_interrupted(
     def interrupted(*_: object, **__: object) -> None:
         raise PlanInterrupted(part)
 
-    monkeypatch.setattr(command, "explain", interrupted)
+    monkeypatch.setattr("twosra_mpc.analysis.explanation.explain", interrupted)
     code, out, err = run("explain", "paper-1")
     assert code == 4
     assert "234.58 s freezing both segments" in out

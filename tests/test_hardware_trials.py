@@ -15,8 +15,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.reproduction import hardware
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
-from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS, PublishedTrajectory
 from twosra_mpc.robot.description import load_robot
 
 Array = NDArray[np.float64]

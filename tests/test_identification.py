@@ -19,17 +19,22 @@ from benchmarks.files.heating import AIR_C, GAIN, TRUE, TrueHistory, true_histor
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.files import locate
 from twosra_mpc.lab.commands import thermal_fit_command
-from twosra_mpc.lab.figures.thermal_fit_figure import plot_thermal_fit
+from twosra_mpc.lab.commands.thermal_fit_command import write_identified_robot
+from twosra_mpc.lab.figures.log_figures import plot_thermal_fit
 from twosra_mpc.lab.identification.heating_log import (
     EvenLog,
     HeatingLog,
     read_heating_log,
     resample,
 )
-from twosra_mpc.lab.identification.identified_robot import write_identified_robot
 from twosra_mpc.lab.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
-from twosra_mpc.lab.identification.log_plants import TwoNodePlant, driven
-from twosra_mpc.lab.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.lab.identification.log_response import (
+    CORRECTED_S,
+    HeaterLaw,
+    SensorLag,
+    TwoNodePlant,
+    driven,
+)
 from twosra_mpc.lab.identification.plausibility import doubts
 from twosra_mpc.lab.identification.thermal_fit import (
     LOGS_DIFFER,

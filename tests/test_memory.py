@@ -32,7 +32,7 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "problem/geojson.py": "_units_of_codes: of nothing",
     "keys.py": "_words: of nothing",
     "lab/figures/paper_figures.py": "both_plans: five tasks",
-    "lab/reproduction/simulations.py": "run, run_freely: five simulations",
+    "lab/reproduction/published_runs.py": "run, run_freely: five simulations",
     "planning/relaxation.py": "rate, speed_m_s: modes of one problem, gone with its search",
     "timing/thermal.py": "least: gone once its segments have been asked for",
 }

@@ -14,8 +14,7 @@ from once import solved
 
 from twosra_mpc import Plan, Problem, Result, load_problem, plan
 from twosra_mpc.execution import Ending, Executor, Patience, Reading, Run, SimulatedRobot
-from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.objects_seen import ObjectsSeen
+from twosra_mpc.execution.guard import Guard, ObjectsSeen
 from twosra_mpc.execution.simulation import plant as simulated
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.simulate import simulate

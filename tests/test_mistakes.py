@@ -25,7 +25,7 @@ from twosra_mpc import (
 from twosra_mpc.errors import InputWarning
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.files import locate
-from twosra_mpc.lab.batch.random_set import RandomSet
+from twosra_mpc.lab.batch.spec import RandomSet
 from twosra_mpc.problem.goals import Goal
 from twosra_mpc.robot.description import with_path_model
 

@@ -284,12 +284,6 @@ def _cardioid_rms(points: Array, guess: Array) -> float:
     return float(np.sqrt(np.mean((radius - model) ** 2)))
 
 
-@pytest.mark.parametrize("alpha_max", [0.0, -1.0, 3.2, float("nan")])
-def test_a_range_the_paths_do_not_have_is_refused(alpha_max: float) -> None:
-    with pytest.raises(InputError, match="alpha_max"):
-        fit_cardioids(PAPER, alpha_max)
-
-
 @pytest.mark.parametrize("fit", [fit_spirals, fit_cardioids])
 def test_a_fit_that_misses_the_path_is_refused(
     fit: Callable[[Geometry], object], monkeypatch: pytest.MonkeyPatch

@@ -23,12 +23,10 @@ from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot
 from twosra_mpc.execution.run import Ending, load_run
-from twosra_mpc.lab.serial import run_file
 from twosra_mpc.lab.serial.port import stop_command
 from twosra_mpc.lab.serial.pose_lines import LATEST_S, PoseLines, pose_lines
 from twosra_mpc.lab.serial.robot import STOPS, SerialRobot
-from twosra_mpc.lab.serial.stream import Confirm, StreamError, stream
-from twosra_mpc.lab.serial.think_aside import ThinkAside
+from twosra_mpc.lab.serial.stream import Confirm, RunFile, StreamError, ThinkAside, stream
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.result import Result
@@ -392,15 +390,16 @@ def test_every_ending_leaves_a_log(tmp_path: Path, kind: str) -> None:
 def test_a_run_under_way_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan, path, found = planned("paper-2"), tmp_path / "run.json", list[float]()
     firmware = SimulatedFirmware(plan)
-    monkeypatch.setattr(run_file, "SAVED_EVERY_S", 60.0)
-    monkeypatch.setattr(run_file, "time", SimpleNamespace(monotonic=firmware.now_s))
-    written = run_file.RunFile.end
+    monkeypatch.setattr("twosra_mpc.lab.serial.stream.SAVED_EVERY_S", 60.0)
+    clock = SimpleNamespace(monotonic=firmware.now_s)
+    monkeypatch.setattr("twosra_mpc.lab.serial.stream.time", clock)
+    written = RunFile.end
 
-    def looked(file: run_file.RunFile, reason: str) -> None:
+    def looked(file: RunFile, reason: str) -> None:
         written(file, reason)
         found.append(load_run(path).duration_s)
 
-    monkeypatch.setattr(run_file.RunFile, "end", looked)
+    monkeypatch.setattr(RunFile, "end", looked)
     run = stream(plan, firmware.port, firmware, rate_Hz=5.0, log=path)
     assert len(found) > 3
     assert max(np.diff([0.0, *found])) < 60.0 + 20.0  # no phase lasts longer than that

@@ -21,9 +21,8 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
 from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
-from twosra_mpc.lab.paper.claims import Claim, Verdict, equal
-from twosra_mpc.lab.paper.paper_page import paper_page
-from twosra_mpc.lab.paper.section import Picture, Section, Table
+from twosra_mpc.lab.paper.paper_report import paper_page
+from twosra_mpc.lab.paper.section import Claim, Picture, Section, Table, Verdict, equal
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import page, player, write_report

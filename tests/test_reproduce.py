@@ -35,10 +35,9 @@ from twosra_mpc.lab.paper import (
     statistics,
     unit_paths,
 )
-from twosra_mpc.lab.paper.claims import equal, every
-from twosra_mpc.lab.paper.paper_page import SHOWN
-from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE, SHOWN
+from twosra_mpc.lab.paper.section import every
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 
 CURVATURES = [0.0, -20.0, -45.0, -30.0, -2.0]
 PHOTOGRAPHS = ("--scale", SCALE_M, "--length", LENGTH_M, "--towards", "39,35")
@@ -52,7 +51,7 @@ HEADER = ("x", "y", "angle", "k1", "k2", "v1", "v2", "u0", "v0", "r0", "s1", "s2
 
 
 def verdicts(*ours: float | None) -> Claim:
-    return Claim("so", "here", tuple(equal("it", 1.0, one, holds=0.1, caveat=0.5) for one in ours))
+    return Claim("so", "here", tuple(Reading("it", 1.0, one, "", 0.1, 0.5) for one in ours))
 
 
 @given(st.floats(-5, 5), st.floats(0, 2), st.floats(0, 2), st.floats(1, 3))

@@ -14,7 +14,7 @@ from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_spread, pl
 from twosra_mpc.lab.identification.motion_log import read_motion_log
 from twosra_mpc.lab.paper.trials import DTW
 from twosra_mpc.lab.photographs.study import estimate_folder
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 from twosra_mpc.robot.description import load_robot
 
 

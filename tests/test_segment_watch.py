@@ -182,7 +182,7 @@ def test_a_doubted_segment_melts_under_a_sensor_that_shows_too_much() -> None:
         while model.level(state) < model.liquid_level and step < 2000:
             state = model.propagate(state, memory.current_A, 0.2)
             shown_C = model.temperature_C(state) + off_K * (step > 100)
-            memory, _ = controller.step(memory, "soft", shown_C, 0.2)
+            memory = controller.step(memory, "soft", shown_C, 0.2)
             step += 1
         took_s.append(0.2 * step)
     sound_s, held_s, asked_s = took_s

@@ -17,8 +17,7 @@ from twosra_mpc.cli import main, planning
 from twosra_mpc.errors import printable
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.batch.problems import Problems
-from twosra_mpc.lab.batch.random_set import RandomSet
-from twosra_mpc.lab.batch.spec import Spec
+from twosra_mpc.lab.batch.spec import RandomSet, Spec
 from twosra_mpc.lab.photographs.picture import read_photograph
 
 

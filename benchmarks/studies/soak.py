@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
-from twosra_mpc.lab.batch.random_set import RandomSet
+from twosra_mpc.lab.batch.spec import RandomSet
 from twosra_mpc.validation import Positive
 
 _BUILT_IN = ("2sra-v1", "2sra-v1-paper")

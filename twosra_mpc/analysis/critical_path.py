@@ -144,7 +144,9 @@ def activities(made: Plan) -> list[Activity]:
             (lead, item.heater_s, item.onset_s),
             (plateau, item.onset_s, item.done_s),
         ):
-            twin = _twin(found, kind, start, end)
+            near = (each for each in found if abs(each.start_s - start) < _SAME_S)
+            alike = (each for each in near if abs(each.end_s - end) < _SAME_S)
+            twin = next((each for each in alike if each.kind == kind), None)
             if twin is not None:
                 found.remove(twin)
                 together = tuple(sorted((*twin.segments, item.segment)))
@@ -152,11 +154,6 @@ def activities(made: Plan) -> list[Activity]:
             else:
                 found.append(Activity(kind, (item.segment,), count, start, end))
     return [item for item in found if item.duration_s > _SAME_S / 10]
-
-
-def _twin(found: Sequence[Activity], kind: Kind, start: float, end: float) -> Activity | None:
-    alike = (item for item in found if item.kind == kind and abs(item.start_s - start) < _SAME_S)
-    return next((item for item in alike if abs(item.end_s - end) < _SAME_S), None)
 
 
 def _chain(todo: Sequence[Activity], end_s: float) -> tuple[Activity, ...]:

@@ -180,13 +180,16 @@ def _failed(error: Exception, *, debug: bool) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return Exit.BROKEN_PIPE
         case OSError():
-            said, code = _in_words(error), Exit.BAD_INPUT
+            reason, code = error.strerror or str(error), Exit.BAD_INPUT
+            said = f"{error.filename}: {reason}" if error.filename else reason
         case MemoryError():
             said, code = "this takes more memory than there is", Exit.BAD_INPUT
         case errors.TwosraError() if not isinstance(error, errors.ContradictionError):
             said, code = str(error), Exit.NO_PLAN  # the robot's end
         case _:  # the last resort
-            said, code = _bug(error), Exit.BUG
+            name = errors.printable(f"{type(error).__name__}: {error}")
+            said = f"this is a bug ({name}). Please report it with the command, its files, what"
+            said, code = f'{said} "twosra doctor" prints and what --debug adds', Exit.BUG
     click.echo(f"twosra: {said}", err=True)
     if debug and code == Exit.BUG:
         traceback.print_exception(error)
@@ -207,18 +210,3 @@ def _meant(error: click.UsageError) -> str:
     hint = near_number(error.param.name or "", given[1], optional=False, listed=False)
     meant = hint.partition(",")[0]
     return f"{meant}?" if meant.startswith("did you mean") else ""
-
-
-def _bug(error: Exception) -> str:
-    """Message for an error that nobody foresaw."""
-    found = errors.printable(f"{type(error).__name__}: {error}")
-    return (
-        f"this is a bug ({found}). Please report it with the command, its files, what"
-        ' "twosra doctor" prints and what --debug adds'
-    )
-
-
-def _in_words(error: OSError) -> str:
-    """Reason of the operating system, and the file."""
-    reason = error.strerror or str(error)
-    return f"{error.filename}: {reason}" if error.filename else reason

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import click
-from click.shell_completion import CompletionItem
 
 from twosra_mpc import files
-from twosra_mpc.cli.options import NewFile, command
+from twosra_mpc.cli.options import NewFile, command, completed
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import load_problem, scenario_names
@@ -65,10 +64,12 @@ _FOLDERS: dict[str, str] = {"scenario": "scenarios", "robot": "robots"}
 _FIRST_ROBOT = "2sra-v1"
 
 
-def _built_in(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Complete a built-in name; of which kind is not known before the option has its value."""
-    names = [name for folder in _FOLDERS.values() for name in files.built_in_names(folder)]
-    return [CompletionItem(name) for name in names if name.startswith(begun)]
+def _built_in() -> list[str]:
+    """Built-in names; of which kind is not known before the option has its value."""
+    return [name for folder in _FOLDERS.values() for name in files.built_in_names(folder)]
+
+
+_COMPLETED: dict[str, Any] = {"shell_complete": completed(_built_in)}
 
 
 class _New(NewFile):
@@ -87,7 +88,7 @@ class _New(NewFile):
 @command("new")
 @click.argument("kind", type=click.Choice(get_args(Kind)))
 @click.argument("path", metavar="NAME", type=_New())
-@click.option("--from", "source", metavar="BUILT_IN", help="Copy it.", shell_complete=_built_in)
+@click.option("--from", "source", metavar="BUILT_IN", help="Copy it.", **_COMPLETED)
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
 def new_command(kind: Kind, path: Path, source: str | None, force: bool, output: Output) -> None:
     """Write a scenario, a robot or a batch to start from: NAME, with or without .toml.

@@ -30,23 +30,27 @@ Check = Callable[[Path], None]
 Load = Callable[[str], Problem]
 
 
-def _built_in(folder: str) -> Callable[..., list[CompletionItem]]:
-    """Complete the name of a built-in scenario or robot, or of a file."""
+def completed(
+    words: Callable[[], Iterable[str]], *, or_file: bool = False
+) -> Callable[..., list[CompletionItem]]:
+    """Completion of words, which are asked for when it is; or of the name of a file."""
 
     def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
-        names = [name for name in files.built_in_names(folder) if name.startswith(begun)]
-        return [*map(CompletionItem, names), CompletionItem(begun, type="file")]
+        found = [CompletionItem(word) for word in words() if word.startswith(begun)]
+        return [*found, *[CompletionItem(begun, type="file")] * or_file]
 
     return complete
 
 
+def _built_in(folder: str) -> dict[str, Any]:
+    """Settings of an argument that is the name of a built-in scenario or robot, or a file."""
+    names = functools.partial(files.built_in_names, folder)
+    return {"shell_complete": completed(names, or_file=True), "type": SOURCE}
+
+
 def word_option(name: str, words: str, usual: Iterable[str], **settings: Any) -> Decorator:
     """Add an option that completes the usual words; whoever takes it refuses others by name."""
-
-    def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
-        return [CompletionItem(word) for word in usual if word.startswith(begun)]
-
-    return click.option(name, help=words, shell_complete=complete, **settings)
+    return click.option(name, help=words, shell_complete=completed(lambda: usual), **settings)
 
 
 class Source(click.types.StringParamType):
@@ -66,8 +70,7 @@ class File(click.Path):
 
 
 SOURCE = Source()
-SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios"), "type": SOURCE}
-ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots"), "type": SOURCE}
+SCENARIO, ROBOT = _built_in("scenarios"), _built_in("robots")
 FILE = File()
 SEED = click.IntRange(min=0)
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -71,7 +71,16 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
                 code = Exit.BAD_INPUT
     if checked:
         output.report(
-            lambda: [_verdict(path, check) for path, check in checked.items()],
+            lambda: [
+                {
+                    "file": path,
+                    "verified": check.ok,
+                    "status": str(check.result.status),
+                    "problems": check.problems,
+                    "checks": check.checks,
+                }
+                for path, check in checked.items()
+            ],
             lambda: _print_verdicts(checked),
         )
     return code if all(check.ok for check in checked.values()) else Exit.NO_PLAN
@@ -109,16 +118,6 @@ def _proved(proof: Proof, claimed: object, reported: float, cost: float) -> Iter
         text = f"no plan costs less than {proof.bound:z.3f} s is proved, but this one costs"
         text = f"{text} {cost:z.3f} s: it breaks a rule, or the proof is wrong"
         yield Check("contradiction", text, ok=False, margin=-below, unit="s")
-
-
-def _verdict(path: str, found: PlanCheck) -> dict[str, Any]:
-    return {
-        "file": path,
-        "verified": found.ok,
-        "status": str(found.result.status),
-        "problems": found.problems,
-        "checks": found.checks,
-    }
 
 
 def _print_verdicts(checked: dict[str, PlanCheck]) -> None:

@@ -1,4 +1,4 @@
-"""``twosra plan``."""
+"""``twosra plan`` and ``twosra explain``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, print_table
+from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.installation import require
 from twosra_mpc.planning.conclusion import Progress
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
@@ -22,6 +23,10 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
+
+if TYPE_CHECKING:
+    from twosra_mpc.analysis.critical_path import Activity
+    from twosra_mpc.analysis.explanation import Explanation
 
 
 @options.command("plan")
@@ -154,3 +159,88 @@ def exit_code(*results: Result) -> int:
         return Exit.INFEASIBLE
     finished = all(result.found and not result.stopped_early for result in results)
     return Exit.PLANNED if finished else Exit.NO_PLAN
+
+
+@options.command("explain")
+@click.argument("scenario", **options.SCENARIO)
+@options.scenario_options(
+    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact"
+)
+def explain_command(scenario: str, load: options.Load, output: Output) -> int:
+    """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
+
+    Every other plan is found by planning again: the next best mode sequence, each mode forbidden,
+    one heater. Among obstacles: the next best mode sequence, 5 mm more clearance; and what is
+    proved of its reshaping. Of a mission: what tasks share, what each costs, what they would cost
+    in other orders. --time-limit is for each of the plans. Ctrl-C
+    prints what is known so far.
+
+    \b
+    Why these modes, in this order?
+      twosra explain paper-4
+    With another model of how the fibre bends, at most five seconds for each plan, as JSON:
+      twosra explain paper-4 --path-model arc --time-limit 5 --json
+    What do the tasks of a mission share?
+      twosra explain three-shapes
+    """
+    from twosra_mpc.analysis.explanation import explain  # no other command waits for it
+
+    problem = load(scenario)
+    with output.progress("planning") as tell:
+        try:
+            found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+        except PlanInterrupted as interrupted:
+            found = interrupted.result
+    output.report(lambda: _explanation(found), lambda: _print_explanation(found))
+    if not found.complete:
+        click.echo(f"twosra: interrupted: {found.message}", err=True)
+    if found.result.status is Status.INFEASIBLE:
+        return Exit.INFEASIBLE
+    return Exit.PLANNED if found.result.found and found.complete else Exit.NO_PLAN
+
+
+def _explanation(found: Explanation) -> dict[str, Any]:
+    """The explanation as plain data."""
+    others = found.alternatives
+    return {
+        "plan": found.result.to_dict(),
+        "why": found.why,
+        "critical_path": [_activity(item) for item in found.critical_path],
+        "hidden": [
+            {**_activity(one.activity), "during": [str(item) for item in one.during]}
+            for one in found.hidden
+        ],
+        "tasks": [
+            {**vars(each), "duration_s": each.duration_s, "shares": each.shares}
+            for each in found.tasks
+        ],
+        "compared_s": others[0].original.cost.total if others else None,
+        "alternatives": [
+            {
+                "change": other.change,
+                "cost_s": other.plan and other.plan.cost.total,
+                "difference_s": other.difference_s,
+                "difference": other.difference,
+                "outcome": other.outcome,
+                "status": other.result and str(other.result.status),
+                "duration_s": other.plan and other.plan.duration_s,
+            }
+            for other in others
+        ],
+        "orders_left": found.orders_left,
+        "complete": found.complete,
+    }
+
+
+def _activity(item: Activity) -> dict[str, Any]:
+    keys = ("kind", "segments", "start_s", "end_s", "duration_s")
+    return {key: getattr(item, key) for key in keys} | {"words": str(item)}
+
+
+def _print_explanation(found: Explanation) -> None:
+    made = found.result
+    rows = [("status", made.status.words), ("outcome", made.message)]
+    rows += [("" if i else "why", reason) for i, reason in enumerate(found.why)]
+    print_table((made.problem.robot.name, f"planner {made.planner}"), rows)
+    for table in found.tables:
+        print_table(*table)

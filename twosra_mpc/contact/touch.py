@@ -293,7 +293,8 @@ def conform_touches(
         _close_chain(robot, contour, q, chain, side, 0.0, reasons)
     gaps = np.array([farthest_m(geometry, contour, q, j) for j in own])
     for i in np.flatnonzero((reasons == "") & (gaps.max(axis=0) > gap_m + TOUCHES_M)):
-        reasons[i] = _what_keeps_off(robot, contour, q[i], own)
+        solids = [apart_m(geometry, contour, parts(geometry, q[i : i + 1], j))[0][0] for j in own]
+        reasons[i] = IN_THE_WAY if min(solids) < 4 * TOUCHES_M else LEAVES
     q[:, [POSE + j for j in range(geometry.segments) if j not in asked]] = np.nan
     _name_limits(robot, q, reasons)
     slack = np.zeros((len(q), geometry.segments))
@@ -380,15 +381,6 @@ def _laid(
     reasons[~done.touches] = BEYOND
     reasons[~done.fits] = IN_THE_WAY
     return place(done.curvature, rows)
-
-
-def _what_keeps_off(robot: Robot, contour: Contour, q: Array, segments: list[int]) -> str:
-    """Reason why segments of a configuration (3 + n,) do not lie along a contour."""
-    for j in segments:
-        solids, _ = apart_m(robot.geometry, contour, parts(robot.geometry, q[None], j))
-        if solids[0] < 4 * TOUCHES_M:
-            return IN_THE_WAY
-    return LEAVES
 
 
 def _name_limits(robot: Robot, q: Array, reasons: Array) -> None:

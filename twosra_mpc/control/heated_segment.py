@@ -22,7 +22,7 @@ from twosra_mpc.control.stiffness import (
     clearly_soft,
     warm_setpoint_C,
 )
-from twosra_mpc.control.stiffness_controller import Event, StiffnessController, stiffness_controller
+from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import TemperatureSensor, temperature_sensor
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
@@ -47,7 +47,6 @@ class HeatedSegment:
         rigid_setpoint_C: Set-points up to this switch the heater off.
         broken_heater: Whether the heater's wire is broken: no current ever flows.
         memory: State of the controller.
-        news: Events that it told in its last step.
     """
 
     model: SegmentModel
@@ -62,7 +61,7 @@ class HeatedSegment:
         self.state, self.heat_J = self.model.initial(self.start_C), 0.0
         self._lag = self.sensor.settled(self.start_C)
         self._reading_C = self.sensor.read_C(self._lag)
-        self.memory, self.news = self.controller.start(self._reading_C), tuple[Event, ...]()
+        self.memory = self.controller.start(self._reading_C)
         self._let_A2_s, self._untold_s = 0.0, 0.0
 
     @property
@@ -126,7 +125,7 @@ class HeatedSegment:
         wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
         held_C = max(setpoint_C, self.controller.soft_setpoint_C)
         controller = self.controller.holding(held_C)
-        self.memory, self.news = controller.step(self.memory, wanted, self._reading_C, dt_s)
+        self.memory = controller.step(self.memory, wanted, self._reading_C, dt_s)
 
     def _heats(self, setpoint_C: float) -> bool:
         """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""
@@ -146,68 +145,62 @@ def confirming_windows(robot: Robot, air_C: float, segment: int) -> Windows:
     Raises:
         InputError: If the robot file has no ``[segment]``, or nothing would freeze in this air.
     """
-    return _Driven(
+    return _windows(
         segment_model(robot, air_C, segment),
         temperature_sensor(robot, air_C, segment),
         stiffness_controller(robot, air_C, segment),
         robot.heater,
         warm_setpoint_C(robot, air_C),
-    ).windows()
+    )
 
 
-@dataclass(frozen=True)
-class _Driven:
-    """A segment exactly as described, driven through the rules: a melt, and the freeze after it."""
+@lru_cache(maxsize=16)  # segments that are alike share it
+def _windows(
+    model: SegmentModel,
+    sensor: TemperatureSensor,
+    controller: StiffnessController,
+    heater: Heater,
+    warm_C: float,
+) -> Windows:
+    """Windows of a segment exactly as described, or of the model if it never melts or freezes.
 
-    model: SegmentModel
-    sensor: TemperatureSensor
-    controller: StiffnessController
-    heater: Heater
-    warm_C: float
+    It is driven through the rules: a melt, and the freeze after it.
+    """
+    full_A, cold = heater.melt_current_A, model.initial(model.ambient_C)
+    lead_s, melts_s, _, freezes_s = reference_times(model, full_A, heater.soft_setpoint_C)
+    off_C, air_C = heater.rigid_setpoint_C, model.ambient_C
+    segment = HeatedSegment(model, sensor, controller, air_C, lambda: 0.0, off_C)
+    shown = deque([segment.measured_C], maxlen=1 + round(WITHIN_S / LONGEST_STEP_S))
 
-    @lru_cache(maxsize=16)  # noqa: B019  # bounded; segments that are alike share it
-    def windows(self) -> Windows:
-        """Windows; those of the model where it never melts or freezes."""
-        model, heater = self.model, self.heater
-        full_A, cold = heater.melt_current_A, model.initial(model.ambient_C)
-        lead_s, melts_s, _, freezes_s = reference_times(model, full_A, heater.soft_setpoint_C)
-        melted_s, frozen_s = self._confirmed_s()
-        hot = model.propagate(cold, full_A, melted_s)  # as a plan has it
-        if model.level(hot) < model.level_at(heater.soft_setpoint_C):
-            freezes_s = model.time_until(hot, 0.0, model.solid_level)
-        warmed_s = model.time_until(cold, full_A, model.level_at(self.warm_C))
-        return Windows(
-            melt_early=min(1.0, warmed_s / lead_s),
-            melt_late=max(1.0, melted_s / melts_s),
-            freeze_early=0.0,
-            freeze_late=max(1.0, frozen_s / freezes_s),
-        )
+    def passed_s(setpoint_C: float, to: Stiffness) -> float:
+        passed_s = 0.0
+        while passed_s < _LONGEST_S:
+            segment.advance(setpoint_C, LONGEST_STEP_S)
+            passed_s += LONGEST_STEP_S
+            shown.append(segment.measured_C)
+            if _clearly(segment, shown[-1] - shown[0]) == to or segment.stiffness == to:
+                break
+        return passed_s
 
-    def _confirmed_s(self) -> tuple[float, float]:
-        """Heater on to soft, and off to rigid."""
-        model, off_C = self.model, self.heater.rigid_setpoint_C
-        sensor, air_C = self.sensor, model.ambient_C
-        segment = HeatedSegment(model, sensor, self.controller, air_C, lambda: 0.0, off_C)
-        shown = deque([segment.measured_C], maxlen=1 + round(WITHIN_S / LONGEST_STEP_S))
+    melted_s, frozen_s = passed_s(heater.soft_setpoint_C, "soft"), passed_s(off_C, "rigid")
+    hot = model.propagate(cold, full_A, melted_s)  # as a plan has it
+    if model.level(hot) < model.level_at(heater.soft_setpoint_C):
+        freezes_s = model.time_until(hot, 0.0, model.solid_level)
+    warmed_s = model.time_until(cold, full_A, model.level_at(warm_C))
+    return Windows(
+        melt_early=min(1.0, warmed_s / lead_s),
+        melt_late=max(1.0, melted_s / melts_s),
+        freeze_early=0.0,
+        freeze_late=max(1.0, frozen_s / freezes_s),
+    )
 
-        def passed_s(setpoint_C: float, to: Stiffness) -> float:
-            passed_s = 0.0
-            while passed_s < _LONGEST_S:
-                segment.advance(setpoint_C, LONGEST_STEP_S)
-                passed_s += LONGEST_STEP_S
-                shown.append(segment.measured_C)
-                if self._clearly(segment, shown[-1] - shown[0]) == to or segment.stiffness == to:
-                    break
-            return passed_s
 
-        return passed_s(self.heater.soft_setpoint_C, "soft"), passed_s(off_C, "rigid")
-
-    def _clearly(self, segment: HeatedSegment, moved_K: float) -> Stiffness | None:
-        """What a segment is to whoever knows its metal; None: that is not clear yet."""
-        model, state = self.model, segment.state
-        level, stays_s = model.level(state), 0.0
-        if level > model.liquid_level:
-            stays_s = model.time_until(state, 0.0, model.liquid_level)
-        if clearly_soft(stays_s, moved_K):
-            return "soft"
-        return "rigid" if clearly_rigid(level <= model.solid_level, moved_K) else None
+def _clearly(segment: HeatedSegment, moved_K: float) -> Stiffness | None:
+    """What a segment is to whoever knows its metal; None: that is not clear yet."""
+    model, state = segment.model, segment.state
+    level, stays_s = model.level(state), 0.0
+    if level > model.liquid_level:
+        stays_s = model.time_until(state, 0.0, model.liquid_level)
+    if clearly_soft(stays_s, moved_K):
+        return "soft"
+    return "rigid" if clearly_rigid(level <= model.solid_level, moved_K) else None

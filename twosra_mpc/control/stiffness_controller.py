@@ -24,7 +24,6 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Stiffness
 
 Protection = Literal["none", "tripped", "fault"]
-EventKind = Literal["soft", "rigid", "changing", "tripped", "fault", "cleared"]
 
 TRIP_HYSTERESIS_K = 5.0  # above the noise of sensors
 
@@ -49,22 +48,6 @@ class ControllerGains:
 # Tuned on the two models with sensor lags of 2 to 8 s; tests/test_heater_loop.py holds the limits.
 CURRENT_GAINS = ControllerGains(0.20, 0.004, 0.35, "current")
 POWER_GAINS = ControllerGains(0.10, 0.003, 0.5, "power")
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something the segment's user must know.
-
-    Attributes:
-        time_s: When, since the controller was started.
-        kind: The new stiffness; or that the heater has tripped, that the sensor is at fault, or
-            that either is over.
-        stiffness: Stiffness from now on.
-    """
-
-    time_s: float
-    kind: EventKind
-    stiffness: KnownStiffness
 
 
 @dataclass(frozen=True)
@@ -104,7 +87,7 @@ class StiffnessController:
     Start it with a reading, then call ``step`` at 5 Hz or faster and apply ``state.current_A``:
 
         state = controller.start(measured_C)
-        state, events = controller.step(state, "soft", measured_C, dt_s)
+        state = controller.step(state, "soft", measured_C, dt_s)
 
     A fault (no reading, or full current that does not warm the sensor) switches the heater off
     until there is a good reading under the set-point rigid. A trip (too hot) passes by itself.
@@ -149,7 +132,7 @@ class StiffnessController:
 
     def step(
         self, state: ControllerState, setpoint: Stiffness, measured_C: float, dt_s: float
-    ) -> tuple[ControllerState, tuple[Event, ...]]:
+    ) -> ControllerState:
         """Take one reading and decide on the current until the next.
 
         Args:
@@ -160,7 +143,7 @@ class StiffnessController:
                 0.2 s.
 
         Returns:
-            State with the new current, and what has happened.
+            State with the new current.
 
         Raises:
             InputError: If ``dt_s`` is not positive.
@@ -169,12 +152,12 @@ class StiffnessController:
             raise InputError("dt_s", dt_s, "a positive time [s]")
         sound = math.isfinite(measured_C)
         if sound and state.protection != "fault":
-            after = self._regulate(state, setpoint, self.segment_C(measured_C), dt_s)
-        elif sound and setpoint == "rigid":
-            after = self._restart(state, measured_C, dt_s)
-        else:
-            after = self._switch_off(state, dt_s)
-        return after, _events(state, after)
+            return self._regulate(state, setpoint, self.segment_C(measured_C), dt_s)
+        if sound and setpoint == "rigid":
+            fresh = self.start(measured_C)  # the sensor must show anew what the segment is
+            known = replace(fresh.known, stiffness="changing")
+            return replace(fresh, time_s=state.time_s + dt_s, known=known)
+        return self._switch_off(state, dt_s)
 
     def segment_C(self, measured_C: float) -> float:
         """Temperature of a segment that has long been at a reading."""
@@ -250,22 +233,6 @@ class StiffnessController:
             protection="fault",
             known=replace(state.known, stiffness="changing"),
         )
-
-    def _restart(self, state: ControllerState, measured_C: float, dt_s: float) -> ControllerState:
-        """After a fault: the sensor must show anew what the segment is."""
-        fresh = self.start(measured_C)
-        known = replace(fresh.known, stiffness="changing")
-        return replace(fresh, time_s=state.time_s + dt_s, known=known)
-
-
-def _events(before: ControllerState, after: ControllerState) -> tuple[Event, ...]:
-    """Changes from one state to the next, that of the protection first."""
-    kinds: list[EventKind] = []
-    if after.protection != before.protection:
-        kinds.append("cleared" if after.protection == "none" else after.protection)
-    if after.stiffness != before.stiffness:
-        kinds.append(after.stiffness)
-    return tuple(Event(after.time_s, kind, after.stiffness) for kind in kinds)
 
 
 def stiffness_controller(robot: Robot, ambient_C: float, segment: int) -> StiffnessController:

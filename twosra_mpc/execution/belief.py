@@ -11,8 +11,13 @@ import numpy as np
 from twosra_mpc.control.stiffness import KnownStiffness, clearly_rigid, clearly_soft
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
-from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
-from twosra_mpc.execution.objects_seen import ObjectsSeen
+from twosra_mpc.execution.guard import (
+    Guard,
+    MeetsItselfError,
+    ObjectsSeen,
+    TooNearError,
+    bends_into_itself,
+)
 from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
 from twosra_mpc.execution.segment_watch import SegmentWatch
@@ -130,11 +135,6 @@ class Belief:
     def deviation(self) -> Array:
         """Standard deviation of what is believed, (3 + n,)."""
         return self._filter.deviation
-
-    @property
-    def frame_deviation(self) -> Array:
-        """Standard deviation of one frame, (3 + n,)."""
-        return np.sqrt(self.camera.variance(self.problem.robot.coordinates))
 
     @property
     def error(self) -> Array:
@@ -266,7 +266,10 @@ class Belief:
         self._listen()
         self._note_changes()
         if mode is not None:
-            self._note_drive(mode, begun_s)
+            if self._goes_on(mode, begun_s):
+                self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
+            else:
+                self.drives.append(Drive(mode, begun_s, self.now_s))
             self._compare(mode, before, after)
 
     def _begin(self) -> None:
@@ -347,12 +350,6 @@ class Belief:
                 self.changes.append(Change(self.now_s, segment + 1, now))
                 self.tell("confirmed", f"segment {segment + 1} is {now}")
             self._last_known[segment] = now
-
-    def _note_drive(self, mode: Mode, begun_s: float) -> None:
-        if self._goes_on(mode, begun_s):
-            self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
-        else:
-            self.drives.append(Drive(mode, begun_s, self.now_s))
 
     def _goes_on(self, mode: Mode, time_s: float) -> bool:
         """True if a drive at this time continues the last one."""

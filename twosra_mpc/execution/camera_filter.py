@@ -138,8 +138,7 @@ class CameraFilter:
 
     def _believable(self, frame: Array, moved: Array) -> bool:
         """True if a frame is where the robot can be; or agrees with others, where it then is."""
-        surprise = self._surprise(frame, moved)
-        total = self._spread(moved) + self._frame
+        surprise, _, _, total = self._innovation(frame, moved, self._frame)
         if (np.abs(surprise) <= GATE * np.sqrt(total) + self._wild).all():
             self._apart.clear()
             return True
@@ -155,22 +154,21 @@ class CameraFilter:
         self.forget_response()
         return True
 
-    def _surprise(self, frame: Array, moved: Array) -> Array:
+    def _innovation(
+        self, frame: Array, moved: Array, variance: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Innovation of a frame since which the model has ``moved``, and its variance.
+
+        Between them its covariances with the configuration and with the response.
+        """
         surprise: Array = frame - (self.q - self._response * moved)
         surprise[2] = math.remainder(surprise[2], math.tau)
-        return surprise
-
-    def _spread(self, moved: Array) -> Array:
-        """Variance of where the robot was before it has ``moved``."""
-        there = self._shared - moved * self._doubt
-        return self.variance - moved * self._shared - moved * there
+        here, there = self.variance - moved * self._shared, self._shared - moved * self._doubt
+        return surprise, here, there, here - moved * there + variance
 
     def _take(self, frame: Array, moved: Array, variance: Array) -> None:
         """Correct by one frame, or the mean of several, since which the model has ``moved``."""
-        surprise = self._surprise(frame, moved)
-        here = self.variance - moved * self._shared
-        there = self._shared - moved * self._doubt
-        total = here - moved * there + variance
+        surprise, here, there, total = self._innovation(frame, moved, variance)
         gain, response = here / total, there / total
         self.q = self.q + gain * surprise
         self._response = np.clip(self._response + response * surprise, *_RESPONSES)

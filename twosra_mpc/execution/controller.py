@@ -16,7 +16,7 @@ import numpy as np
 
 from twosra_mpc.arguments import public
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.doubt import DoubtError
+from twosra_mpc.execution.doubt import Doubt, DoubtError
 from twosra_mpc.execution.guard import TooNearError
 from twosra_mpc.execution.robot_interface import Command, Reading
 from twosra_mpc.execution.run import Verdict
@@ -140,8 +140,8 @@ class Controller:
         try:
             belief.take(reading)
             activity: Next = self._activity or self.policy.begin()
-            if belief.doubtful:
-                activity = _Suspicion(belief, activity).look()
+            if belief.doubt is not None and belief.doubtful:
+                activity = _Suspicion(belief, belief.doubt, activity).look()
         except (SegmentError, DoubtError) as trouble:
             activity = self._troubled(trouble)
         if belief.silent and belief.stands:  # standing costs nothing
@@ -157,7 +157,9 @@ class Controller:
                 activity = activity.advance()
             except (SegmentError, DoubtError, TooNearError) as trouble:
                 activity = self._troubled(trouble)
-        return self._ended(activity)
+        self.verdict = activity
+        self.belief.tell("end", activity.reason)
+        return self.belief.give(self._off)
 
     def _troubled(self, trouble: Trouble) -> Next:
         """Stand, and look where that is, before anything is done about a trouble."""
@@ -169,14 +171,9 @@ class Controller:
             belief.doubt_segments(trouble.segments)
         return policy.troubled(trouble)
 
-    def _ended(self, verdict: Verdict) -> Command:
-        """Wheels stand, heaters are off."""
-        self.verdict = verdict
-        self.belief.tell("end", verdict.reason)
-        return self.belief.give(self._off)
-
     @property
     def _off(self) -> Command:
+        """Wheels stand, heaters are off."""
         belief = self.belief
         off_C = np.full_like(belief.setpoint_C, belief.problem.robot.heater.rigid_setpoint_C)
         return Command(off_C, belief.camera.period_s)
@@ -188,10 +185,12 @@ class _Suspicion:
 
     Attributes:
         belief: What is known of the robot.
+        doubt: About its bends.
         then: What goes on if it bends.
     """
 
     belief: Belief
+    doubt: Doubt
     then: Next
 
     def look(self) -> Activity:
@@ -199,21 +198,17 @@ class _Suspicion:
         return self._looking(_LOOK, _LOOK_S, self._looked)
 
     def _looked(self) -> Next:
-        doubt = self.belief.doubt
-        assert doubt is not None
-        if doubt.look(self.belief.seen_at_rest()):
+        if self.doubt.look(self.belief.seen_at_rest()):
             return self._judged()
-        return self._looking(_LOOK_AGAIN, 4 * _LOOK_S, self._looked_again)
+        return self._looking(_LOOK_AGAIN, 4 * _LOOK_S, partial(self._judged, again=True))
 
-    def _looked_again(self) -> Next:
-        assert self.belief.doubt is not None
-        self.belief.doubt.look_again(self.belief.seen_at_rest())
-        return self._judged()
-
-    def _judged(self) -> Next:
-        assert self.belief.doubt is not None
-        self.belief.doubt.judge(self.belief.now_s, self.belief.known)
+    def _judged(self, again: bool = False) -> Next:
+        if again:
+            self.doubt.look_again(self.belief.seen_at_rest())
+        self.doubt.judge(self.belief.now_s, self.belief.known)
         return self.then
 
     def _looking(self, share: float, at_most_s: float, then: Callable[[], Next]) -> Activity:
-        return Looking(self.belief, share * self.belief.frame_deviation, at_most_s, then)
+        belief = self.belief
+        frame = np.sqrt(belief.camera.variance(belief.problem.robot.coordinates))
+        return Looking(belief, share * frame, at_most_s, then)

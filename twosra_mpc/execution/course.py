@@ -9,7 +9,6 @@ goes off when the last phase in which the segment must be soft is done, not at a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple, Protocol
 
@@ -22,82 +21,9 @@ from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import Mode, Stiffness, mode_name
+from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
-
-
-class Progress(NamedTuple):
-    """Progress of a plan that is executed.
-
-    Attributes:
-        clock_s: Time of the plan; it stands at a phase's start until the phase can begin.
-        done: How many phases have ended.
-    """
-
-    clock_s: float = 0.0
-    done: int = 0
-
-
-@dataclass(frozen=True)
-class HeaterSchedule:
-    """Set-points by progress.
-
-    Attributes:
-        plan: The plan.
-    """
-
-    plan: Plan
-
-    @cached_property
-    def warm_C(self) -> float:
-        """Set-point at which a segment is kept warm, surely solid."""
-        return warm_setpoint_C(self.plan.robot, self.plan.problem.ambient)
-
-    @cached_property
-    def _start_mode(self) -> Mode:
-        """Asked for in every period of a run."""
-        return self.plan.problem.start_mode
-
-    def setpoints(self, now: Progress) -> Array:
-        """Set-points of the segments [C], (n,)."""
-        planned = self.plan.trajectory.heater_setpoint_C([now.clock_s])[0].tolist()
-        values = np.array([self._setpoint(j, now, each_C) for j, each_C in enumerate(planned)])
-        heater, warm = self.plan.robot.heater, values == self.warm_C
-        heated = np.count_nonzero(values == heater.soft_setpoint_C) + np.cumsum(warm)
-        # As many are kept warm as may be heated besides those that melt.
-        values[warm & (heated > self.plan.problem.heaters_at_once)] = heater.rigid_setpoint_C
-        return values
-
-    def begun(self, now: Progress) -> int:
-        """Number of transitions commanded by now."""
-        return sum(self._commanded(item, now) for item in self.plan.transitions)
-
-    def expected_s(self, segment: int, to: str) -> float:
-        """Longest time the plan gives a segment (from 0) for such a transition [s]; 0: none."""
-        own = own_transitions(self.plan.transitions, segment)
-        return max((item.done_s - item.heater_s for item in own if item.to == to), default=0.0)
-
-    def _setpoint(self, segment: int, now: Progress, planned_C: float) -> float:
-        heater = self.plan.robot.heater
-        soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
-        value = soft if self._start_mode[segment] else rigid
-        for item in own_transitions(self.plan.transitions, segment):
-            if self._commanded(item, now):
-                value = soft if item.to == "soft" else rigid
-            elif item.to == "soft" and _reached(now, item.heater_s):
-                value = self.warm_C
-        kept_warm = rigid < planned_C < soft  # by the plan itself
-        return self.warm_C if value == rigid and kept_warm else value
-
-    def _commanded(self, item: Transition, now: Progress) -> bool:
-        before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
-        early = item.to == "rigid" and before > 0  # the plan let it coast
-        return now.done >= before and (early or _reached(now, item.heater_s))
-
-
-def _reached(now: Progress, time_s: float) -> bool:
-    return now.clock_s >= time_s - SAME_TIME_S
 
 
 class Abort(NamedTuple):
@@ -111,7 +37,6 @@ class Abort(NamedTuple):
             not where it was held or put; "time": the run takes too long.
         text: The same in words.
         segment: The segment (from 0) whose heater it is.
-        to: What it should have become.
         stiff: Whether a segment that is reported soft seems to need more time.
         missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
     """
@@ -119,7 +44,6 @@ class Abort(NamedTuple):
     kind: Literal["corridor", "heater", "camera", "doubt", "near", "body", "task", "lost", "time"]
     text: str
     segment: int = 0
-    to: Stiffness = "soft"
     stiff: bool = False
     missed: Mode | None = None
 
@@ -130,8 +54,7 @@ class Course:
     Attributes:
         belief: What is known of the robot.
         plan: The plan.
-        schedule: Its heaters by events.
-        clock_s: Time of the plan.
+        clock_s: Time of the plan; it stands at a phase's start until the phase can begin.
         done: How many phases have ended.
     """
 
@@ -140,18 +63,56 @@ class Course:
     ) -> None:
         """The robot is where the plan starts."""
         self.belief, self.plan, self.patience, self._longest_s = belief, plan, patience, longest_s
-        self.schedule, self.clock_s, self.done = HeaterSchedule(plan), 0.0, 0
+        self.clock_s, self.done = 0.0, 0
         self._planned = -1.0, np.empty(0)
 
+    @cached_property
+    def warm_C(self) -> float:
+        """Set-point at which a segment is kept warm, surely solid."""
+        return warm_setpoint_C(self.plan.robot, self.plan.problem.ambient)
+
+    @cached_property
+    def _start_mode(self) -> Mode:
+        """Asked for in every period of a run."""
+        return self.plan.problem.start_mode
+
     @property
-    def progress(self) -> Progress:
-        """Progress of the plan."""
-        return Progress(self.clock_s, self.done)
+    def setpoint_C(self) -> Array:
+        """Set-points of the segments now, by events, (n,)."""
+        planned = self.plan.trajectory.heater_setpoint_C([self.clock_s])[0].tolist()
+        values = np.array([self._setpoint_C(j, each_C) for j, each_C in enumerate(planned)])
+        heater, warm = self.plan.robot.heater, values == self.warm_C
+        heated = np.count_nonzero(values == heater.soft_setpoint_C) + np.cumsum(warm)
+        # As many are kept warm as may be heated besides those that melt.
+        values[warm & (heated > self.plan.problem.heaters_at_once)] = heater.rigid_setpoint_C
+        return values
+
+    def _setpoint_C(self, segment: int, planned_C: float) -> float:
+        heater = self.plan.robot.heater
+        soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
+        value = soft if self._start_mode[segment] else rigid
+        for item in own_transitions(self.plan.transitions, segment):
+            if self._commanded(item):
+                value = soft if item.to == "soft" else rigid
+            elif item.to == "soft" and self.clock_s >= item.heater_s - SAME_TIME_S:
+                value = self.warm_C
+        kept_warm = rigid < planned_C < soft  # by the plan itself
+        return self.warm_C if value == rigid and kept_warm else value
+
+    def _commanded(self, item: Transition) -> bool:
+        before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
+        early = item.to == "rigid" and before > 0  # the plan let it coast
+        return self.done >= before and (early or self.clock_s >= item.heater_s - SAME_TIME_S)
 
     @property
     def begun(self) -> int:
         """Number of transitions commanded by now."""
-        return self.schedule.begun(self.progress)
+        return sum(map(self._commanded, self.plan.transitions))
+
+    def expected_s(self, segment: int, to: str) -> float:
+        """Longest time the plan gives a segment (from 0) for such a transition [s]; 0: none."""
+        own = own_transitions(self.plan.transitions, segment)
+        return max((item.done_s - item.heater_s for item in own if item.to == to), default=0.0)
 
     @property
     def planned(self) -> Array:
@@ -195,7 +156,7 @@ class Course:
         """A segment that should have become soft long ago; of rigid ones see `SegmentWatch`."""
         belief = self.belief
         for segment, (soft, now) in enumerate(zip(mode, belief.reading.stiffness, strict=True)):
-            planned_s = self.schedule.expected_s(segment, "soft")
+            planned_s = self.expected_s(segment, "soft")
             latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
             asked_s = min(waited_s, belief.in_vain_s(segment))
             if soft and now not in (None, "soft") and asked_s > latest_s:
@@ -265,7 +226,7 @@ class Waiting:
             self._told = len(changes)
             return f"segment {changes[-1].segment} is {changes[-1].to}"
         segments = enumerate(mode)
-        planned_s = [course.schedule.expected_s(j, "soft" if s else "rigid") for j, s in segments]
+        planned_s = [course.expected_s(j, "soft" if s else "rigid") for j, s in segments]
         waited_s = course.belief.now_s - self._begun_s - (until_s - self._from_s)
         if self._late or waited_s <= course.patience.slow * max(planned_s):
             return ""

@@ -23,13 +23,8 @@ from twosra_mpc.problem.problem import Problem
 OnCommand = Callable[[RunRecord], None]
 
 
-def unobserved(record: RunRecord) -> None:
-    """Nothing is made of the record of a run under way."""
-    del record
-
-
 def run_controller(
-    robot: RobotInterface, controller: Controller, on_command: OnCommand = unobserved
+    robot: RobotInterface, controller: Controller, on_command: OnCommand = lambda record: None
 ) -> Run:
     """Run a controller on a robot. The robot stands at the end, heaters off.
 
@@ -116,7 +111,7 @@ class Executor:
 
     robot: RobotInterface
     settings: ExecutorSettings = field(default_factory=ExecutorSettings)
-    on_command: OnCommand = unobserved
+    on_command: OnCommand = lambda record: None
     think: Think = plan_again
 
     def run(self, plan: Plan) -> Run:

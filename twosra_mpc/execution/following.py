@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -76,7 +77,7 @@ class Following:
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
-        return self.course.schedule.setpoints(self.course.progress)
+        return self.course.setpoint_C
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
@@ -200,7 +201,7 @@ class Following:
         """Go on with another plan, unless that has been done too often."""
         settings, belief = self.settings, self.belief
         if plan.cost.transitions:
-            if self.mission.advanced:
+            if len(self.mission.done_s) > self.mission.done_before:
                 self._replans = 0
             if self._replans == settings.replans:
                 words = f"{belief.where} after planning again {times(self._replans)}"
@@ -274,7 +275,8 @@ class _DueTasks:
         run, mission = self._run, self._run.mission
         while (task := mission.due(run.course.clock_s)) is not None:
             if task.rests and not self._looked:
-                return self._look()
+                at = run.belief, run.patience
+                return look_at_objects(*at, partial(look_at_robot, *at, self._on))
             self._looked = False
             if (left := mission.judge()) is not None:
                 return run.left(left)
@@ -283,13 +285,6 @@ class _DueTasks:
         if (other := run.learnt(index, f"{course.name(index)} {known}")) is not None:
             return other
         return run.drive(self._index) if self._begins else Waiting(run, self._index)
-
-    def _look(self) -> Next:
-        """Look at objects, and where the robot is."""
-        return look_at_objects(self._run.belief, self._run.patience, self._look_at_robot)
-
-    def _look_at_robot(self) -> Next:
-        return look_at_robot(self._run.belief, self._run.patience, self._on)
 
     def _on(self) -> Next:
         self._looked = True

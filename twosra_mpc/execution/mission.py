@@ -14,8 +14,7 @@ import numpy as np
 
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.course import Abort
-from twosra_mpc.execution.guard import Guard
-from twosra_mpc.execution.objects_seen import cage_of, fitted
+from twosra_mpc.execution.guard import Guard, cage_of, fitted
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
@@ -37,6 +36,7 @@ class Mission:
     Attributes:
         rests: Whether tasks end at rest or are about objects: then it matters where a robot bends.
         done_s: When tasks were done.
+        done_before: How many, before the plan that is followed.
         lost: How often each object was lost.
         trouble: What was lost last and not grasped since, in words; empty if nothing.
     """
@@ -61,7 +61,7 @@ class Mission:
         self._left = tuple(self._asked.get(task, task) for task in plan.problem.tasks)
         self._ends = list(plan.trajectory.done_s) if self.rests else []
         self._grips = list(carried(plan.trajectory))
-        self._done_before = len(self.done_s)
+        self.done_before = len(self.done_s)
         self._hold: Carried | None = None
         self._room_m = 0.0
         self._path = [self.belief.q]
@@ -113,8 +113,9 @@ class Mission:
     def judge(self) -> Abort | None:
         """Judge the task that is due; at one that ends at rest, objects were looked at."""
         task = self._left[0]
-        left = self._unheld() if task.rests else None
-        left = left or self._not_done(task)
+        if task.rests and self.belief.unseen_s > self._patience.unseen_s:
+            return Abort("camera", self.belief.unseen)
+        left = (self.dropped() if task.rests else None) or self._not_done(task)
         if left is None:
             self._done()
         return left
@@ -135,21 +136,21 @@ class Mission:
         """Times when tasks were done, and how often objects were lost."""
         return tuple(self.done_s), self.lost.total()
 
-    @property
-    def advanced(self) -> bool:
-        """True if a task was done by the plan that was followed last."""
-        return len(self.done_s) > self._done_before
-
     def lose(self, words: str) -> int:
         """Have the object of this task grasped again: it is not held, or not where it was put.
 
         Returns:
             How often it has been lost by now.
         """
-        name, first = self._concerned(), self._left[0]
+        first = self._left[0]
+        name = self.holding or first.about  # what is held, or the task is about
+        assert name is not None
         self.lost[name] += 1
         self.trouble, self._hold = words, None
-        again: tuple[Task, ...] = () if first.takes else (self._grasp(name),)
+        asked = (task for task in grasps(self.problem.tasks).values() if task.object == name)
+        again: tuple[Task, ...] = ()
+        if not first.takes:
+            again = (next(asked, Grasp(object=name)),)
         if first.lets_go and name in self._goals:
             again += (self._goals[name],)
         self._left, self._ends = (*again, *self._left), []
@@ -161,7 +162,10 @@ class Mission:
         problem, poses, holding = self.problem, self.poses(), self.holding
         held = [i for i, item in enumerate(problem.objects) if item.name == holding]
         q = fitted(problem, self.belief.q, poses, held)
-        objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
+        objects = [
+            item.with_values(pose=dict(zip(("x_m", "y_m", "phi_rad"), pose, strict=True)))
+            for item, pose in zip(problem.objects, poses.tolist(), strict=True)
+        ]
         start = problem.start.with_values(holding=holding)
         tasks = self.left
         aimed = {i: self._aimed(task) for i, task in carries(tasks).items()}
@@ -180,22 +184,6 @@ class Mission:
             in_b0 = seen if belief.objects.seen else hold.pose_in_b0
             poses[hold.object] = composed(belief.q[:POSE], in_b0)
         return poses
-
-    def _concerned(self) -> str:
-        """Name of the object that the task is about, or that is held meanwhile."""
-        named = self.holding or self._left[0].about
-        assert named is not None
-        return named
-
-    def _grasp(self, name: str) -> Grasp:
-        tasks = grasps(self.problem.tasks).values()
-        return next((task for task in tasks if task.object == name), Grasp(object=name))
-
-    def _unheld(self) -> Abort | None:
-        """True if what is held is not there any more, or nothing is seen."""
-        if self.belief.unseen_s > self._patience.unseen_s:
-            return Abort("camera", self.belief.unseen)
-        return self.dropped()
 
     def _not_done(self, task: Task) -> Abort | None:
         """True if what a task asks is missing at its end."""
@@ -247,7 +235,9 @@ class Mission:
         goal = self._goals.get(task.object)
         if goal is None or self._off(goal) <= 1.0:
             return None
-        self._learn(task.object)
+        if self._put_at is not None:  # how it was dragged along: it will be so again
+            (pose, q), now = self._put_at, self.poses()[self._numbers[task.object]]
+            self._drags[task.object] = (now - pose)[:2] @ rotation(-q[2])
         text = f"{task.object} was moved while it was released: {self._where(goal)}"
         return Abort("lost", text)
 
@@ -267,12 +257,6 @@ class Mission:
             return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
         self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
         return None
-
-    def _learn(self, name: str) -> None:
-        """Remember how the robot dragged an object along as it opened: it will do so again."""
-        if self._put_at is not None:
-            (pose, q), now = self._put_at, self.poses()[self._numbers[name]]
-            self._drags[name] = (now - pose)[:2] @ rotation(-q[2])
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""
@@ -378,8 +362,3 @@ def _far_m(away: Array) -> float:
 
 def _name(task: Task) -> str:
     return f"{task.do} {task.name or task.about or ''}".strip()
-
-
-def _put(item: Object, pose: Array) -> Object:
-    x_m, y_m, phi_rad = pose.tolist()
-    return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})

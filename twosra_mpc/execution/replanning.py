@@ -45,6 +45,7 @@ class Replanning:
         self._run, self._belief = run, run.belief
         self._cooled, self._until_s, self._told = set[int](), self._belief.now_s, False
         self._resting = False
+        self._left: Problem | None = None  # what is being planned
 
     def begin(self, *, melting_on: bool = False, cooling: bool = False) -> Activity:
         """Stand.
@@ -62,7 +63,9 @@ class Replanning:
         return self
 
     def advance(self) -> Next:
-        """Stand, and look at objects."""
+        """Stand, and look at objects; while the rest is planned, stand on."""
+        if self._left is not None:
+            return self._planned(self._left)
         run, belief, settings = self._run, self._belief, self._run.settings
         stiffness, solid = belief.reading.stiffness, run.broken | self._cooled
         changing = belief.mode is None and (self._resting or None in belief.metal)
@@ -79,12 +82,12 @@ class Replanning:
 
     def _plan(self) -> Next:
         try:
-            left = what_is_left(self._run)
+            self._left = what_is_left(self._run)  # None: metal changes since the look
         except InputError as error:
             return self._failed(str(error))
-        return self if left is None else _Thinking(self, left)  # None: metal changes since the look
+        return self
 
-    def planned(self, problem: Problem) -> Next:
+    def _planned(self, problem: Problem) -> Next:
         """Ask for a plan; stand as long as that takes."""
         run, belief = self._run, self._belief
         try:
@@ -97,7 +100,7 @@ class Replanning:
 
     def _failed(self, why: str) -> Next:
         """Try what may help before it is said that there is no plan."""
-        run, belief = self._run, self._belief
+        run, belief, self._left = self._run, self._belief, None
         if belief.mode is None:
             self._resting = True  # from rest there may be one
             return self
@@ -122,16 +125,6 @@ class Replanning:
             soft = now == "soft" or (now == "changing" and asked)
             becoming.append(soft and segment not in solid)
         return np.where(becoming, heater.soft_setpoint_C, heater.rigid_setpoint_C)
-
-
-class _Thinking:
-    """A robot that stands while the rest is planned."""
-
-    def __init__(self, replanning: Replanning, problem: Problem) -> None:
-        self._replanning, self._problem = replanning, problem
-
-    def advance(self) -> Next:
-        return self._replanning.planned(self._problem)
 
 
 def what_is_left(run: Following) -> Problem | None:

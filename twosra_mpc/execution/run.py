@@ -282,13 +282,9 @@ def load_run(path: str | Path) -> Run:
 def _run(data: dict[str, Any], source: str) -> Run:
     return Run(
         problem=embedded_problem(data["robot"], data["scenario"], source),
-        executor=data["executor"],
         plans=tuple(plan_within(each, data["robot"], source) for each in data["plans"]),
         ending=Ending(data["ending"]),
-        reason=data["reason"],
         error=np.array(data["error"], dtype=float),
-        replans=data["replans"],
-        corrections=data["corrections"],
         begun=tuple(data["begun"]),
         changes=tuple(Change(**each) for each in data["changes"]),
         drives=tuple(Drive(**{**each, "mode": tuple(each["mode"])}) for each in data["drives"]),
@@ -296,6 +292,7 @@ def _run(data: dict[str, Any], source: str) -> Run:
         log=_log(data["log"]),
         done_s=tuple(data.get("done_s", ())),  # younger than version 1
         lost=data.get("lost", 0),
+        **{name: data[name] for name in ("executor", "reason", "replans", "corrections")},
     )
 
 

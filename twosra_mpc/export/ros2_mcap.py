@@ -83,11 +83,12 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
 
         def send(topic: str, interface: str, time_s: float, message: dict[str, Any]) -> None:
             if topic not in bag._channel_ids:  # it would register one without metadata
+                durable = {"durability": _TRANSIENT_LOCAL} if topic in _LATCHED else {}
                 bag._channel_ids[topic] = bag._writer.register_channel(
                     topic=topic,
                     message_encoding="cdr",
                     schema_id=schemas[interface].id,
-                    metadata={"offered_qos_profiles": _offered(topic)},
+                    metadata={"offered_qos_profiles": json.dumps([_QOS | durable])},  # JSON is YAML
                 )
             at = round(time_s * 1e9)
             bag.write_message(topic, schemas[interface], message, log_time=at, publish_time=at)
@@ -97,11 +98,6 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
         _send_motion(shown, send)
         _send_commands(shown.trajectory.held(), send)
     write_bytes(path, memory.getvalue())
-
-
-def _offered(topic: str) -> str:
-    """Quality of service of a topic, as bags hold it: YAML, of which JSON is a part."""
-    return json.dumps([_QOS | ({"durability": _TRANSIENT_LOCAL} if topic in _LATCHED else {})])
 
 
 def _news(table: Array, step: float = 0.0) -> NDArray[np.bool_]:
@@ -207,8 +203,10 @@ def _joint_frame(time_s: float, joint: Joint, angle_rad: float) -> dict[str, Any
     x, y, turned = joint.at
     if joint.wheel is None:
         return _frame(time_s, joint.parent, joint.child, _xyz(x, y), _turn(turned + angle_rad))
-    rolled = _turn(turned), _quaternion(0.0, math.sin(angle_rad / 2), 0.0, math.cos(angle_rad / 2))
-    return _frame(time_s, joint.parent, joint.child, _xyz(x, y), _product(*rolled))
+    z, w = math.sin(turned / 2), math.cos(turned / 2)
+    y_, v = math.sin(angle_rad / 2), math.cos(angle_rad / 2)  # about y, in the frame turned about z
+    rolled = _quaternion(-z * y_, w * y_, z * v, w * v)
+    return _frame(time_s, joint.parent, joint.child, _xyz(x, y), rolled)
 
 
 def _frame(
@@ -241,9 +239,3 @@ def _turn(angle_rad: float) -> dict[str, float]:
 
 def _quaternion(x: float, y: float, z: float, w: float) -> dict[str, float]:
     return {"x": x, "y": y, "z": z, "w": w}
-
-
-def _product(about_z: dict[str, float], about_y: dict[str, float]) -> dict[str, float]:
-    """A turn about y in a frame that is turned about z."""
-    (z, w), (y, v) = (about_z["z"], about_z["w"]), (about_y["y"], about_y["w"])
-    return _quaternion(-z * y, w * y, z * v, w * v)

@@ -129,7 +129,8 @@ class Engine:
         began_s = time.monotonic()
         self._mujoco.mj_step(self.model, self.data, nstep=steps)
         self._unwind()
-        told = [one for one in _BAD if self._warnings(one) > 0]
+        kinds = {one: getattr(self._mujoco.mjtWarning, f"mjWARN_{one}") for one in _BAD}
+        told = [one for one, kind in kinds.items() if self.data.warning[int(kind)].number > 0]
         if told or not np.isfinite(self.data.qpos).all():
             words = f"{', '.join(told) or 'not finite'} after {self.data.time:z.2f} s of motion"
             step_ms = 1e3 * self.model.opt.timestep
@@ -180,11 +181,6 @@ class Engine:
     def _addresses(self, joints: Sequence[str]) -> NDArray[np.int64]:
         """Addresses of joints in MuJoCo's arrays: each has one coordinate, so that all agree."""
         return np.array([self.model.joint(name).id for name in joints], dtype=int)
-
-    def _warnings(self, name: str) -> int:
-        """Number of MuJoCo's warnings; it starts anew each time."""
-        kind = getattr(self._mujoco.mjtWarning, f"mjWARN_{name}")
-        return int(self.data.warning[int(kind)].number)
 
     def _freeze(self, solid: Array) -> None:
         """Let metal melt, or freeze in the shape it has."""

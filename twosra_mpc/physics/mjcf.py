@@ -100,7 +100,8 @@ def mjcf(
         q, solid = problem.start.configuration, [1 - each for each in problem.melt_fractions]
         standing, things = [*problem.obstacles], [*problem.objects]
         names = [WALL + name for name in problem.world.names]
-    solids = [_prisms(each) for each in (*standing, *(item.own for item in things))]
+    shapes = (*standing, *(item.own for item in things))
+    solids = [[_prism(part) for part in convex_parts(shape.corners_m)] for shape in shapes]
     ends = itertools.accumulate(map(len, solids), initial=1)
     numbers = [range(begin, end) for begin, end in itertools.pairwise(ends)]
     own, pieces_m = physics or robot.true_physics, np.array(geometry.lengths_m) / hinges
@@ -190,7 +191,6 @@ def _hinges(geometry: Geometry, segments: Sequence[int], side: int, count: int) 
     return found
 
 
-def _prisms(shape: Obstacle) -> list[list[float]]:
-    """Corners of convex parts of a polygon, standing on the ground."""
-    parts = [part.tolist() for part in convex_parts(shape.corners_m)]
-    return [[v for z in (0, _HEIGHT_M) for x, y in part for v in (x, y, z)] for part in parts]
+def _prism(part: Array) -> list[float]:
+    """Corners of a convex polygon (k, 2) standing on the ground."""
+    return [v for z in (0, _HEIGHT_M) for x, y in part.tolist() for v in (x, y, z)]

@@ -57,14 +57,6 @@ def settle(ax: Axes) -> None:
         taken.append(box.translated(*away))
 
 
-def settle_all(figure: Figure) -> None:
-    """Let every label of a figure step aside; its layout is worked out first, if there are any."""
-    if figure.findobj(Label):
-        figure.draw_without_rendering()
-        for ax in figure.axes:
-            settle(ax)
-
-
 def _anchor(ax: Axes, words: Text) -> tuple[float, float]:
     """Place of words in the picture [pixels]."""
     at = words.xy if isinstance(words, Annotation) else words.get_position()
@@ -157,7 +149,10 @@ def styled_figure(size_in: tuple[float, float], path: str | Path | None) -> Iter
         yield figure
         for ax in figure.axes:
             ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
-        settle_all(figure)
+        if figure.findobj(Label):
+            figure.draw_without_rendering()  # its layout
+            for ax in figure.axes:
+                settle(ax)
         if path is not None:
             save_figure(figure, path)
 

@@ -153,7 +153,7 @@ def draw_motion(ax: Axes, plan: Plan) -> Axes:
     return ax
 
 
-def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: str) -> Axes:
+def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: str) -> None:
     """Write number, mode and duration of phases, as ``text`` has them, above a stretched axis.
 
     Where phases are many, the words are small.
@@ -169,7 +169,6 @@ def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: s
     style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": size}
     for words, middle in zip(told, middles, strict=True):
         ax.text(middle, 1.0, words, transform=ax.transAxes, **style)
-    return ax
 
 
 def label_levels(each: Sequence[Stretch], stretch: TimeStretch) -> list[int]:
@@ -190,7 +189,7 @@ def stage_words(number: int, stage: Stretch) -> str:
     return f"{number} {stage.words}"
 
 
-def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> Axes:
+def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> None:
     """Write what is done when, on levels from below, each with a line down from its words."""
     for number, (stage, level) in enumerate(zip(each, levels, strict=True), start=1):
         ax.plot([stage.to_s] * 2, [-0.5, level + 0.75], **STAGE_LINE)
@@ -200,7 +199,6 @@ def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> Axe
     ax.set(ylim=(-0.5, max(levels, default=0) + 0.9), yticks=[])
     ax.spines[:].set_visible(False)
     ax.tick_params(axis="x", length=0, labelbottom=False)
-    return ax
 
 
 def phase_duration(phase: Phase) -> str:

@@ -59,9 +59,12 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     if playback.problem.objects:
         placed = zip(robots, q[kept], playback.objects[kept], strict=True)
         robots = [each | objects_at(playback, at, poses) for each, at, poses in placed]
+    length_s = min(_LONGEST_S, _REST_S + _PHASE_S * len(plan.phases))
+    if not plan.transitions:  # nothing is waited for: the true time
+        length_s = float(np.clip(plan.moving_s, _SHORTEST_S, _LONGEST_S))
     events = {int(np.searchsorted(times, t - _SAME_S)) for t in event_times(plan)}
     return {
-        "length_s": film_length_s(plan),
+        "length_s": length_s,
         "time_s": np.round(times, 6).tolist(),
         "pose": [0, *np.cumsum(new).tolist()],
         "poses": robots,
@@ -81,14 +84,11 @@ def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     sides = [world_figures.free_side(outline, shape) for outline in outlines]
     return {
         "objects": [moved_to(pose) for pose in poses],
-        "names": [_name_at(at, way) for at, way in sides],
+        "names": [
+            [*svg_points(at + way * _NAME_M).split(","), ("middle", "start", "end")[round(way[0])]]
+            for at, way in sides
+        ],
     }
-
-
-def _name_at(at: Array, way: Array) -> list[str]:
-    """Place of a name that is written from ``at`` in a direction, and where its text begins."""
-    anchor = ("middle", "start", "end")[round(way[0])]
-    return [*svg_points(at + way * _NAME_M).split(","), anchor]
 
 
 def moved_to(pose: Array) -> str:
@@ -113,13 +113,6 @@ def mission(plan: Plan) -> dict[str, Any]:
         ],
         "targets": [(number, moved_to(pose)) for number, pose in aims],
     }
-
-
-def film_length_s(plan: Plan) -> float:
-    """Length of the film [s]: the true time where nothing is waited for, else as fits."""
-    if not plan.transitions:
-        return float(np.clip(plan.moving_s, _SHORTEST_S, _LONGEST_S))
-    return min(_LONGEST_S, _REST_S + _PHASE_S * len(plan.phases))
 
 
 def event_times(plan: Plan) -> list[float]:

@@ -6,6 +6,7 @@ This is the one place that knows how many segments there are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,12 +33,12 @@ class Coordinates:
         """Length of q."""
         return POSE + self.segments
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates, as they are written in files."""
         return ("x_m", "y_m", "phi_rad", *(f"kappa_per_m.{j}" for j in range(self.segments)))
 
-    @property
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the coordinates."""
         return ("m", "m", "rad", *["1/m"] * self.segments)

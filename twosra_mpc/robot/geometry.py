@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
@@ -92,7 +93,7 @@ class Geometry(Value):
             raise InputError("segment_length_m", given, allowed)
         return self
 
-    @property
+    @cached_property
     def lengths_m(self) -> tuple[float, ...]:
         """Length of each segment, from LU1 to LU2."""
         given = self.segment_length_m
@@ -161,7 +162,7 @@ class MotionLimits(Value):
     control_period_s: Positive | None = None
     soft_travel_m: Length = 0.15
 
-    @property
+    @cached_property
     def phase_s(self) -> float:
         """Least duration of a phase that moves [s]; 0 for a robot whose wheels may jump."""
         jumps = self.wheel_acceleration_rad_s2 is None

@@ -18,10 +18,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.thermal.model import SegmentModel, State, Values, crossing
+from twosra_mpc.thermal.model import Array, SegmentModel, State, Values, crossing
 from twosra_mpc.thermal.uncertainty import Windows
 
-Array = NDArray[np.float64]
 Stiffness = Literal["soft", "rigid"]
 
 _ROUNDING_S = 1e-6  # what is saved must be more

@@ -72,11 +72,6 @@ class LeastTimes:
         return tuple(map(max, self.start, self._model.hold(self.start, _FOR_EVER_S)))
 
     @property
-    def _hottest(self) -> State:
-        """Nowhere colder than any state of the segment."""
-        return tuple(map(max, self._held, self._at_first))
-
-    @property
     def _hottest_again(self) -> State:
         """Nowhere colder than any state after the segment was solid once, or is not liquid first.
 
@@ -88,12 +83,9 @@ class LeastTimes:
         metal = model.initial(model.temperature_C(onset))
         return tuple(map(max, self._held, map(min, self._at_first, metal)))
 
-    def _heating_s(self, state: State, level: float) -> float:
-        return self.heating.heating_s(state, level)
-
     def _plateau_s(self, onset: State) -> float:
         """Time through the plateau."""
-        return self._heating_s(onset, self._model.liquid_level)
+        return self.heating.heating_s(onset, self._model.liquid_level)
 
     @cached_property
     def _again(self) -> State:
@@ -114,7 +106,7 @@ class LeastTimes:
     def _first_onset(self) -> State:
         """Nowhere colder than any state at the onset of the first melt."""
         current, level = self.heating.melt_current_A, self._model.solid_level
-        spans = (self._heating_s(state, level) for state in (self._warmest, self._coldest))
+        spans = (self.heating.heating_s(state, level) for state in (self._warmest, self._coldest))
         ends = (self._model.propagate(self._warmest, current, span) for span in spans)
         rest, begun = tuple(map(max, *ends)), self._model.level(self._warmest)
         return self._model.at_level(rest, max(level, begun))
@@ -123,7 +115,7 @@ class LeastTimes:
     def first_melting_s(self) -> float:
         """Onset to end of a first melt."""
         windows = self.heating.windows
-        spread = windows.melt_late * self._heating_s(self._warmest, self._model.solid_level)
+        spread = windows.melt_late * self.heating.heating_s(self._warmest, self._model.solid_level)
         spread -= self.warmest_lead_s
         return windows.melt_late * self._plateau_s(self._first_onset) + spread
 
@@ -135,7 +127,7 @@ class LeastTimes:
     @cached_property
     def first_energy_J(self) -> float:
         """Heater energy of a first melt."""
-        lead = self._heating_s(self._warmest, self._model.solid_level)
+        lead = self.heating.heating_s(self._warmest, self._model.solid_level)
         current = self.heating.melt_current_A
         return self._model.energy_J(self._warmest, current, lead) + self._plateau_J(
             self._first_onset
@@ -170,7 +162,7 @@ class LeastTimes:
     @cached_property
     def longest_coasting_s(self) -> float:
         """Longest time from heater off to the onset of freezing."""
-        return self.heating.coasting_s(self._hottest)
+        return self.heating.coasting_s(tuple(map(max, self._held, self._at_first)))
 
     @cached_property
     def first_cycle(self) -> FirstCycle:
@@ -227,7 +219,7 @@ class LeastTimes:
     def _melting_s(self, number: int) -> float:
         """Least time from heater on to the end of the melt before transition ``number``."""
         if number == 1:
-            return self._heating_s(self._warmest, self._model.liquid_level)
+            return self.heating.heating_s(self._warmest, self._model.liquid_level)
         return self._plateau_s(self._again)
 
     def _molten(self, number: int) -> State:

@@ -41,6 +41,8 @@ class Lumped:
     """
 
     replay_tolerance: ClassVar[float] = 0.0
+    solid_level: ClassVar[float] = 0.0
+    """Enthalpy up to which the segment is solid."""
 
     heat_solid_J_per_K: float
     heat_liquid_J_per_K: float
@@ -50,11 +52,6 @@ class Lumped:
     temperature_coefficient_per_K: float
     melting_point_C: float
     ambient_C: float
-
-    @property
-    def solid_level(self) -> float:
-        """Enthalpy up to which the segment is solid."""
-        return 0.0
 
     @property
     def liquid_level(self) -> float:

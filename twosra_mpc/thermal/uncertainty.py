@@ -23,7 +23,7 @@ from twosra_mpc.thermal.model import SegmentModel, reference_times
 
 _DRAWS = 1000  # quantiles of 5 % are known to 0.7 %
 _SEED = 0  # the same windows everywhere
-_NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
+NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
 FARTHEST = 1.0  # healthy: up to so many times as far from nominal as the 5 and 95 % values
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -105,7 +105,7 @@ def drawn(nominal: SegmentModel, ranges: Ranges, rng: np.random.Generator) -> Se
     changed: dict[str, float] = {}
     for name, (low, high) in ranges.items():
         if name in names:
-            middle, z = getattr(nominal, name), rng.standard_normal() / _NORMAL_95
+            middle, z = getattr(nominal, name), rng.standard_normal() / NORMAL_95
             value = middle + z * (high - middle if z > 0 else middle - low)
             changed[name] = max(value, 0.1 * middle)
     return replace(nominal, **changed)

@@ -100,9 +100,7 @@ class ObjectPlant:
             what = "the robot" if by is None else self._names[by] if isinstance(by, int) else by
             self.squeezed = f"{self._names[i]} in {what} by {1e3 * contact.depth_m:z.1f} mm"
 
-    def _touches(
-        self, robot: Pieces, moved: Array
-    ) -> Iterator[tuple[int, Contact, int | str | None]]:
+    def _touches(self, robot: Pieces, moved: Array) -> Iterator[_Touch]:
         """Overlaps: object, how, and by what: another object, a wall, or None, the robot."""
         for i, thing in enumerate(self._things):
             sets: list[tuple[Pieces, int | str | None]] = [(robot, None)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -44,28 +44,10 @@ if TYPE_CHECKING:
 Segments = Sequence[HeatedSegment]
 
 
-class Motion(Protocol):
-    """Motion of a simulated robot, and the objects around it."""
-
-    @property
-    def touched(self) -> str | None:
-        """Obstacle that the robot has touched, empty if none; None if nothing keeps them apart."""
-
-    @property
-    def objects(self) -> ObjectPlant | Engine | None:
-        """Objects with their ``poses``; None without any."""
-
-    def at_rest(self, segments: Segments) -> bool:
-        """True if nothing moves while the wheels stand and metal is as it is."""
-
-    def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:
-        """Return where the robot is after its wheels have turned by ``turned`` (4,) [rad]."""
-
-
 class PathMotion:
     """Motion by a path model, with slipping wheels and units that do not hold."""
 
-    touched = None  # it goes through obstacles, and is judged by where it was
+    touched: str | None = None  # it goes through obstacles, and is judged by where it was
 
     def __init__(
         self,
@@ -90,11 +72,11 @@ class PathMotion:
         by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
         self._drift = {mode: _drift(what, drawn) for mode in by_number}
         self._bends = {mode: drawn.uniform(*what.bend_share) for mode in by_number}
-        self.objects: ObjectPlant | Engine | None = None
+        self.objects: ObjectPlant | None = None
         if problem.objects:
             from twosra_mpc.execution.simulation.object_plant import ObjectPlant
 
-            self.objects = self._pushed = ObjectPlant(problem, robot.geometry)
+            self.objects = ObjectPlant(problem, robot.geometry)
 
     def at_rest(self, segments: Segments) -> bool:
         """Always: nothing but wheels moves it."""
@@ -111,7 +93,7 @@ class PathMotion:
         if bends_into_itself(self._robot, q, after[None]):  # the wheels slip
             after = q
         if self.objects is not None:
-            self._pushed.follow(q, after)
+            self.objects.follow(q, after)
         return after
 
 
@@ -173,6 +155,7 @@ def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
     return Drift(turn, shift, drawn.uniform(-what.split, what.split))
 
 
+Motion = PathMotion | PhysicsMotion
 AS_PLANNED, PHYSICS = "as-planned", "mujoco"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
 ALL_PLANTS = (*PLANTS, PHYSICS)
@@ -309,14 +292,11 @@ class SimulatedRobot:
             temperature_C=tuple(segment.measured_C for segment in self.segments),
             stiffness=tuple(segment.stiffness for segment in self.segments),
             faulty=tuple(segment.faulty for segment in self.segments),
-            objects=self._objects_in([seen for _, _, seen in arrived if seen is not None]),
+            objects=None
+            if self.objects is None
+            else np.array([seen for _, _, seen in arrived]).reshape(-1, *self.objects.poses.shape),
             current_A=tuple(segment.told_A() for segment in self.segments),
         )
-
-    def _objects_in(self, frames: list[Array]) -> Array | None:
-        if self.objects is None:
-            return None
-        return np.array(frames).reshape(-1, *self.objects.poses.shape)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Set wheels and heaters; wheels that are told to turn too fast turn at their limit.

@@ -19,6 +19,7 @@ from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
+from twosra_mpc.files import plain_data
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
@@ -188,14 +189,18 @@ class Simulation(ArrayValue):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The simulation as plain data."""
+        """The simulation as plain data, without objects where there are none."""
+        truth = {item.name: getattr(self.truth, item.name) for item in fields(Truth)}
+        del truth["touched"]  # it stands in the metrics
+        if not self.truth.objects.size:
+            del truth["objects"], truth["squeezed"]
         return {
             **self.run.to_dict(),
             "plant": self.plant,
             "disturbance": self.disturbance,
             "seed": self.seed,
             "metrics": self.metrics._asdict(),
-            "truth": _plain(self.truth),
+            "truth": plain_data(truth),
         }
 
 
@@ -269,15 +274,6 @@ def object_errors(problem: Problem, truth: Truth) -> tuple[float | None, float |
         return None, None
     far_m, turn_rad = np.max(found, axis=0).tolist()
     return far_m, turn_rad
-
-
-def _plain(truth: Truth) -> dict[str, Any]:
-    """What really happened as plain data, without objects where there are none."""
-    columns = {item.name: getattr(truth, item.name) for item in fields(Truth)}
-    squeezed, objects, touched = (columns.pop(name) for name in ("squeezed", "objects", "touched"))
-    del touched  # it stands in the metrics
-    there = {"objects": objects.tolist(), "squeezed": squeezed} if objects.size else {}
-    return {**{name: column.tolist() for name, column in columns.items()}, **there}
 
 
 class Spread(NamedTuple):

@@ -160,8 +160,10 @@ class ProgramInPlace:
         """
         self._iterations = 0
         quality = self._solve_linearised()
+        outputs = slice(self.program.setup.outputs.count * self.program.setup.horizon)
         for _ in range(MOST_PROGRAMS - 1):
-            if quality is not Quality.CONVERGED or self._departure() <= NEAR:
+            departure = np.abs(self._x[outputs] - self._guess[outputs]).max()
+            if quality is not Quality.CONVERGED or departure <= NEAR:
                 break
             self._stay()
             quality = self._solve_linearised()
@@ -189,11 +191,6 @@ class ProgramInPlace:
             return Quality.CONVERGED
         usable = max(info.prim_res, info.dual_res) <= USABLE
         return Quality.ROUGH if usable else Quality.UNUSABLE
-
-    def _departure(self) -> float:
-        """How far the solution is from where the limits were linearised, units of the weights."""
-        outputs = slice(self.program.setup.outputs.count * self.program.setup.horizon)
-        return float(np.abs(self._x[outputs] - self._guess[outputs]).max())
 
     def _stay(self) -> None:
         """Let the next program iterate on from here: the robot will not have moved."""

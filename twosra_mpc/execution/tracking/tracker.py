@@ -217,7 +217,8 @@ class Tracker:
         size = self.robot.coordinates.size
         if np.shape(measurement.q) != (size,):
             raise InputError("measurement.q", np.shape(measurement.q), f"{size} numbers, a row")
-        phase, heaters = measurement.phase, self._heater_setpoint(measurement.time_s)
+        place = bisect_right(self._times, measurement.time_s + SAME_TIME_S) - 1
+        phase, heaters = measurement.phase, self._heaters[max(place, 0)]
         if phase is None:
             self._phase = None
             return self._stop(CommandStatus.HELD, heaters, "between phases")
@@ -263,11 +264,6 @@ class Tracker:
             setup = Setup(self.robot.body, mode, *settings)
             self._programs[mode] = ProgramInPlace(tracking_program(setup), self.solver)
         return self._programs[mode]
-
-    def _heater_setpoint(self, time_s: float) -> Array:
-        """Set-points of the plan at a time; those of its start before it."""
-        place = bisect_right(self._times, time_s + SAME_TIME_S) - 1
-        return self._heaters[max(place, 0)]
 
     def _stop(self, status: CommandStatus, heaters: Array, message: str) -> Command:
         self.last_command = Command(_NO_WHEELS, _NO_INPUT, heaters, status, message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -114,7 +115,7 @@ def atlas(runs: DataFrame) -> Atlas:
         duration_s=_spread(made["duration_s"]),
         gap=_spread(made["search_gap"]),
         saved_s=_spread(saved),
-        worth=(*_of_transitions(made), *_of_keys(made)),
+        worth=tuple(_worth(made)),
         failures=_failures(runs),
     )
 
@@ -149,32 +150,26 @@ def _spread(values: ArrayLike) -> Spread | None:
     return Spread(known.size, *np.quantile(known, (0.0, 0.1, 0.5, 0.9, 1.0)).tolist())
 
 
-def _of_transitions(made: DataFrame) -> list[Worth]:
-    """A second less of each melt or freeze, for as long as the critical path stays what it is."""
-    columns = {"freezing": "critical_freezes", "melting": "critical_melts"}
-    found = ((name, _spread(made[column])) for name, column in columns.items())
-    return [Worth(f"{name} 1 s shorter", spread) for name, spread in found if spread is not None]
-
-
 def counted(key: str) -> str:
     """A varied key with places in lists counted from 1, as segments are: goal.kappa_per_m 1."""
     stem = key.rstrip("0123456789").rstrip(".")
     return f"{stem} {int(key[len(stem) + 1 :]) + 1}" if stem != key else key
 
 
-def _of_keys(made: DataFrame) -> list[Worth]:
-    """One more of each key: difference quotients between neighbours that share all other keys."""
-    keys = numeric_keys(made)
-    varied = list(made.attrs["varied"])
-    found = []
-    for key in keys:
-        others = [each for each in varied if each != key]
+def _worth(made: DataFrame) -> Iterator[Worth]:
+    """A second less of each melt or freeze while the critical path stays; one more of each key.
+
+    The latter by difference quotients between neighbours that share all other keys.
+    """
+    for name, column in (("freezing", "critical_freezes"), ("melting", "critical_melts")):
+        if (spread := _spread(made[column])) is not None:
+            yield Worth(f"{name} 1 s shorter", spread)
+    for key in numeric_keys(made):
+        others = [each for each in made.attrs["varied"] if each != key]
         groups = made.groupby(others, dropna=False) if others else [((), made)]
         quotients = [_quotients(group.sort_values(key), key) for _, group in groups]
-        spread = _spread(np.concatenate(quotients)) if quotients else None
-        if spread is not None:
-            found.append(Worth(f"1 more of {counted(key)}", spread))
-    return found
+        if quotients and (spread := _spread(np.concatenate(quotients))) is not None:
+            yield Worth(f"1 more of {counted(key)}", spread)
 
 
 def _quotients(group: DataFrame, key: str) -> Array:

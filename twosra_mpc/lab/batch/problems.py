@@ -52,15 +52,16 @@ class Problems:
         names = spec.scenarios or ((spec.scenario,) if spec.scenario else ())
         self._scenarios = {name: _scenario(name, folder) for name in names}
         self.files = {"scenarios": self._scenarios, "robots": self._robots}
-        firsts = [self._posed(0, *base, self._first) for base in self._few_bases()]
+        first = {key: values[0] for key, values in self._axes.items()}
+        bases = itertools.islice(self._bases(), 1 if spec.random else None)
+        firsts = [self._posed(0, *base, first) for base in bases]
         self.kinds = {
             key: spec.kinds.get(key) or ("str" if key == "scenario" else "float64")
             for key in firsts[0].varied
         }
-        for first in firsts:
-            source = str(first.varied.get("scenario", "the first problem"))
-            with reading(source, "scenario"):
-                Problem(**first.document)
+        for one in firsts:
+            with reading(str(one.varied.get("scenario", "the first problem")), "scenario"):
+                Problem(**one.document)
 
     def __len__(self) -> int:
         return self.spec.size
@@ -73,14 +74,6 @@ class Problems:
                 if not done[number := next(numbers)]:
                     combination = dict(zip(self._axes, values, strict=True))
                     yield self._posed(number, document, varied, combination)
-
-    @property
-    def _first(self) -> dict[str, Scalar]:
-        return {key: values[0] for key, values in self._axes.items()}
-
-    def _few_bases(self) -> list[tuple[Document, dict[str, Scalar]]]:
-        """Each scenario, or the first random problem."""
-        return list(itertools.islice(self._bases(), 1 if self.spec.random else None))
 
     def _bases(self) -> Iterator[tuple[Document, dict[str, Scalar]]]:
         """Yield what the grid is laid over: a scenario, and what is varied in it already."""

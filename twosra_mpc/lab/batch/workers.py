@@ -19,7 +19,7 @@ from distributed import Client, Future, KilledWorker, LocalCluster, Worker, as_c
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import __version__
-from twosra_mpc.lab.batch.chunk import Asked, Chunk, failed, plan_chunk
+from twosra_mpc.lab.batch.folder import Asked, Chunk, failed, plan_chunk
 from twosra_mpc.lab.batch.problems import Posed
 
 CHUNK_S = 1.0  # what a task should take

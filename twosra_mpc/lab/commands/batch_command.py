@@ -1,28 +1,22 @@
-"""``twosra batch``."""
+"""``twosra batch`` and ``twosra atlas``."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import FILE, command
-from twosra_mpc.cli.output import Exit, Output
-from twosra_mpc.files import read_text
+from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
+from twosra_mpc.cli.output import Exit, Output, print_table
+from twosra_mpc.files import read_text, write_text
 from twosra_mpc.installation import BATCH, require
 from twosra_mpc.interrupts import noted_interrupts
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from twosra_mpc.lab.batch.chunk import Chunk
-    from twosra_mpc.lab.batch.problems import Problems
+from twosra_mpc.lab.batch import read_runs
+from twosra_mpc.lab.batch.atlas import Atlas, Spread, atlas
 
 _PLANNERS = click.Choice(["optimal", "greedy", "both"])
 
@@ -62,93 +56,114 @@ def batch_command(
     given = {name: value for name, value in overrides.items() if value is not None}
     text = read_text(spec, str(spec))  # once: it may be a pipe
     problems = Problems(spec_in(text, spec, **given), spec.parent)
-    from twosra_mpc.lab.batch.folder import Folder  # CasADi takes a second
+    from twosra_mpc.lab.batch.folder import Asked, Folder  # CasADi takes a second
 
     folder = Folder(out, problems, text)
     done, started = folder.done(), time.perf_counter()
+    ready = before = int(done.sum())
     try:
-        with noted_interrupts() as interrupts:
-            for chunk in _planned(problems, done, workers, scheduler, output):
-                folder.add(chunk)
-                interrupts.check()  # an exception may be lost in a callback of Dask
+        if before < len(problems):
+            from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
+
+            asked = Asked(problems.spec.planner, problems.spec.plans)
+            with (
+                noted_interrupts() as interrupts,
+                output.progress("waiting for workers") as tell,
+                local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
+            ):
+                if scheduler is None and find_spec("bokeh") is not None and not output.quiet:
+                    click.echo(f"twosra: dashboard: {client.dashboard_link}", err=True)
+                for chunk in planned(client, problems.posed(done), asked):
+                    folder.add(chunk)
+                    interrupts.check()  # an exception may be lost in a callback of Dask
+                    ready += len(chunk.rows)
+                    rate = (ready - before) / (time.perf_counter() - started)
+                    left_s = (len(problems) - ready) / rate
+                    words = f"planning: {ready} of {len(problems)}, {rate:z.1f}/s"
+                    tell(f"{words}, {left_s:z.0f} s left")
         folder.finish()
     except KeyboardInterrupt:
         told = f"{folder.done().sum()} of {len(problems)} problems are planned"
         click.echo(f"twosra: interrupted: {told}; the same command goes on", err=True)
         return Exit.INTERRUPTED
-    _report(out, len(problems) - int(done.sum()), time.perf_counter() - started, output)
-    return Exit.PLANNED
-
-
-def _planned(
-    problems: Problems,
-    done: NDArray[np.bool_],
-    workers: int | None,
-    scheduler: str | None,
-    output: Output,
-) -> Iterator[Chunk]:
-    """Yield what problems that are not done come to; show how far it is."""
-    if done.all():
-        return
-    from twosra_mpc.lab.batch.chunk import Asked
-    from twosra_mpc.lab.batch.workers import cluster_at, local_cluster, planned
-
-    asked = Asked(problems.spec.planner, problems.spec.plans)
-    with (
-        _bar(output, len(problems), int(done.sum())) as advance,
-        local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
-    ):
-        if scheduler is None and find_spec("bokeh") is not None and not output.quiet:
-            click.echo(f"twosra: dashboard: {client.dashboard_link}", err=True)
-        for chunk in planned(client, problems.posed(done), asked):
-            yield chunk
-            advance(len(chunk.rows))
-
-
-@contextmanager
-def _bar(output: Output, total: int, done: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar with rate and time left where there is a terminal; yields what moves it on."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    if output.quiet or not console.is_terminal:
-        yield lambda _: None
-        return
-    columns = (
-        *(TextColumn("planning"), BarColumn(), MofNCompleteColumn()),
-        *(TextColumn("{task.fields[rate]}"), TimeRemainingColumn()),
-    )
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("", total=total, completed=done, rate="waiting for workers")
-        started = time.perf_counter()
-
-        def advance(more: int) -> None:
-            now = progress.tasks[task].completed + more
-            rate = (now - done) / (time.perf_counter() - started)
-            progress.update(task, completed=now, rate=f"{rate:z.1f}/s")
-
-        yield advance
-
-
-def _report(out: Path, planned: int, wall_s: float, output: Output) -> None:
-    """Say how many problems came to what."""
-    from twosra_mpc.lab.batch import read_runs
-
     frame = read_runs(out)
     statuses = {str(name): int(count) for name, count in frame["status"].value_counts().items()}
-    told = {
+    numbers = {
         "runs": str(out / "runs.parquet"),
         "problems": len(frame),
         **statuses,
-        "planned now": planned,
-        "wall_s": wall_s,
+        "planned now": len(problems) - before,
+        "wall_s": time.perf_counter() - started,
         "cpu_s": float(frame["cpu_s"].sum()),
     }
-    output.record(("batch", str(out)), told)
+    output.record(("batch", str(out)), numbers)
+    return Exit.PLANNED
+
+
+_SHOWN = 8  # rows of a table whose length nobody chose
+
+
+@command("atlas")
+@click.argument("runs", metavar="RUNS", type=FILE)
+@click.option("-x", "x", metavar="KEY", help="Varied key along the figure's x axes.")
+@click.option("-y", "y", metavar="KEY", help="Varied key along the y axes of its maps.")
+@file_option("--csv", "Write the whole table as CSV.", ending(".csv"))
+@plot_option("Draw sequences, durations, savings, sensitivities and gaps")
+def atlas_command(
+    runs: Path, x: str | None, y: str | None, csv: Path | None, plot: Path | None, output: Output
+) -> None:
+    """Say what the plans of a batch have in common: RUNS is the folder of "twosra batch".
+
+    It need not be finished. Which sequences plans have, how long plans take, what they save against
+    the greedy rule, what a second less freezing is worth, and what failed and why.
+
+    \b
+    In words, and as a picture over the first two keys that were varied:
+      twosra atlas runs --plot atlas.png
+    Over others:
+      twosra atlas runs -x robot.heater.melt_current_A -y goal.kappa_per_m.0 --plot atlas.png
+    """
+    with output.progress("reading the table") as tell:
+        frame = read_runs(runs)
+        found = atlas(frame)
+        if csv is not None:
+            write_text(csv, frame.to_csv(index=False))
+        if plot is not None:
+            tell("drawing")
+            from twosra_mpc.lab.figures.atlas_figure import plot_atlas  # matplotlib takes a second
+
+            plot_atlas(frame, x, y, plot)
+    output.report(lambda: found, lambda: _print(found))
+
+
+def _print(found: Atlas) -> None:
+    count = {name: f"{number} of {found.problems}" for name, number in found.statuses.items()}
+    print_table(("problems that are", "how many"), list(count.items()))
+    plans = sum(found.sequences.values())
+    shares = [(name, f"{number} of {plans}") for name, number in found.sequences.items()]
+    print_table(("mode sequence", "plans"), _first(shares))
+    quantities = {
+        "duration [s]": _cells(found.duration_s),
+        "proved gap at full speed [%]": _cells(found.gap, 100.0),
+        "saved against the greedy rule [s]": _cells(found.saved_s),
+        **{f"saved by {each.change} [s]": _cells(each.saved_s) for each in found.worth},
+    }
+    header = ("of the plans", "number", "least", "10 %", "median", "90 %", "most")
+    print_table(header, [(name, *cells) for name, cells in quantities.items() if cells])
+    if found.failures:
+        rows = [(f.status, str(f.problems), str(f.first), f.message) for f in found.failures]
+        print_table(("without a plan", "problems", "first", "what was said of it"), _first(rows))
+
+
+def _cells(spread: Spread | None, scale: float = 1.0) -> tuple[str, ...]:
+    if spread is None:
+        return ()
+    plans, *quantiles = spread
+    return (str(plans), *(f"{scale * value:z.4g}" for value in quantiles))
+
+
+def _first(rows: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:
+    """The first rows, and a last one that says how many others there are."""
+    if len(rows) <= _SHOWN:
+        return rows
+    return [*rows[:_SHOWN], (f"{len(rows) - _SHOWN} others", *("" for _ in rows[0][1:]))]

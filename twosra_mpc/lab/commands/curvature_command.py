@@ -85,7 +85,16 @@ def estimate_curvature_command(
         every = [each for one in found for each in one]
         if csv is not None:
             save_estimates(every, csv)
-        _draw(every, camera, plot, figures, tell)
+        if plot is not None or figures is not None:
+            from twosra_mpc.lab.figures.curvature_figure import plot_curvature  # takes a second
+        if plot is not None:
+            tell("drawing")
+            plot_curvature(every, camera, plot)
+        for number, each in enumerate(every if figures is not None else ()):
+            tell(f"drawing: {number} of {len(every)}")
+            if each.measured is not None and figures is not None:
+                name = f"{each.path.parent.name}-{each.path.stem}.png"
+                plot_curvature([each], camera, figures / name)
     output.report(lambda: _document(found), lambda: _print(found))
 
 
@@ -96,24 +105,6 @@ def pixel(text: str) -> tuple[float, float]:
     except ValueError:
         raise InputError("towards", text, "two numbers: 37,34") from None
     return x, y
-
-
-def _draw(
-    every: list[Estimate], camera: Camera, plot: Path | None, figures: Path | None, tell: Any
-) -> None:
-    if plot is None and figures is None:
-        return
-    from twosra_mpc.lab.figures.curvature_figure import plot_curvature  # matplotlib takes a second
-
-    if plot is not None:
-        tell("drawing")
-        plot_curvature(every, camera, plot)
-    if figures is not None:
-        for number, each in enumerate(every):
-            tell(f"drawing: {number} of {len(every)}")
-            if each.measured is not None:
-                name = f"{each.path.parent.name}-{each.path.stem}.png"
-                plot_curvature([each], camera, figures / name)
 
 
 def _document(found: list[list[Estimate]]) -> dict[str, Any]:
@@ -148,7 +139,7 @@ def _print(found: list[list[Estimate]]) -> None:
                 each.path.name,
                 digits(each.published_per_m, 1),
                 digits(each.arc_per_m, 1),
-                _error(each),
+                digits(each.measured.arc.standard_error_per_m if each.measured else None, 1),
             )
             for each in every
             if not each.refused
@@ -172,7 +163,3 @@ def _print_deviations(of: dict[str, Any]) -> None:
         rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))
     header = ("estimator", "pictures", "MSE [1/m2]", "slope", "MSE of mean repeats (how many)")
     print_table((*header, *(f"|kappa| {band}" for band in BAND_NAMES)), rows)
-
-
-def _error(each: Estimate) -> str:
-    return digits(each.measured.arc.standard_error_per_m, 1) if each.measured else "-"

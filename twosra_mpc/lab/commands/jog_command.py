@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 import click
 
 from twosra_mpc.cli.options import ROBOT, command
-from twosra_mpc.cli.output import Exit, Output, Tell
+from twosra_mpc.cli.output import Exit, Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.lab.bench.jog import Asked, Jog, Keys, for_a_time, heated_mode, jog, wheels_of_twist
@@ -101,31 +101,25 @@ def _drive(robot: Robot, port: str | None, asked: Asked, cold: bool, output: Out
         return Exit.PLANNED
 
     def drive() -> int:
+        known = ""
         with output.progress("listening for temperatures") as tell:
-            told = _Told(tell)
-            jog(robot, opened, SystemClock(), asked, cold=cold, on_reading=told)
-        output.record(("jogged", robot.name), {"known at the end": told.words})
+
+            def show(reading: Reading, sent: Jog) -> None:
+                nonlocal known
+                heated = ["on" if each else "off" for each in sent.heated]
+                known = ", ".join(
+                    reading.describe(j) if told else f"segment {j + 1} does not report"
+                    for j, told in enumerate(reading.stiffness)
+                )
+                speeds = " ".join(f"{each:z.2f}" for each in sent.wheel_rad_s)
+                tell(f"wheels [{speeds}] rad/s, heaters {' '.join(heated)}; {known}")
+
+            jog(robot, opened, SystemClock(), asked, cold=cold, on_reading=show)
+        output.record(("jogged", robot.name), {"known at the end": known})
         return Exit.PLANNED
 
     with robot_line.line_to(port) as opened:
         return robot_line.exit_code_of(drive)
-
-
-class _Told:
-    """Progress line: what is known, and what is sent."""
-
-    def __init__(self, tell: Tell) -> None:
-        self._tell, self.words = tell, ""
-
-    def __call__(self, reading: Reading, sent: Jog) -> None:
-        heated = ["on" if each else "off" for each in sent.heated]
-        known = [
-            reading.describe(j) if reading.stiffness[j] else f"segment {j + 1} does not report"
-            for j in range(len(heated))
-        ]
-        self.words = ", ".join(known)
-        speeds = " ".join(f"{each:z.2f}" for each in sent.wheel_rad_s)
-        self._tell(f"wheels [{speeds}] rad/s, heaters {' '.join(heated)}; {self.words}")
 
 
 @contextmanager

@@ -58,7 +58,9 @@ def replay_command(
     recorded = read_motion_log(log, described, wheel_rad_s=speeds, mode=driven)
     phases = replay(recorded, described)
     if plot is not None:
-        from twosra_mpc.lab.figures.replay_figure import plot_replay  # matplotlib takes a second
+        from twosra_mpc.lab.figures.log_figures import (
+            plot_replay,  # matplotlib takes a second
+        )
 
         plot_replay(recorded, described, phases, plot)
     output.report(

@@ -1,29 +1,35 @@
-"""``twosra fit-thermal``."""
+"""``twosra fit-thermal``, and robot files copied with all but the identified segment."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
+import tomlkit
+from tomlkit.items import AoT, Table
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, counting, digits, print_table
+from twosra_mpc.files import write_text
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
-from twosra_mpc.lab.identification.identified_robot import write_identified_robot
 from twosra_mpc.lab.identification.log_fit import Residuals
 from twosra_mpc.lab.identification.log_response import CORRECTED_S
+from twosra_mpc.lab.identification.thermal_fit import LOGS_DIFFER, ThermalFit
 from twosra_mpc.lab.identification.transition_fit import (
     SHORTEST_S,
     TransitionFit,
     identify_transitions,
     read_transitions,
 )
-from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.description import Robot, load_robot, robot_document
 from twosra_mpc.robot.segment import TwoNodeSegment
 
 Scores = list[tuple[HeatingLog, thermal_fit.Score]]
+Fit = TypeVar("Fit", thermal_fit.ThermalFit, TransitionFit)
+Outcome = tuple[Fit, TwoNodeSegment, list[str]]  # with the robot's own segment, and doubts
 
 _WARM_K = 1.0  # a first reading this far above the air is worth a word
 _NAMES = {
@@ -94,66 +100,49 @@ def fit_thermal_command(
     Fit the durations of melts and freezes of a robot in use:
       twosra fit-thermal melts.csv --readings readings.csv --robot 2sr-v2 --out fitted.toml
     """
-    described = load_robot(robot)
-    if readings is not None:
-        if only_score or others or plot or ambient_C is not None:
-            raise click.UsageError("--readings goes with --robot and --out only")
-        _fit_transitions(log, readings, described, robot, segment - 1, out, output)
-        return
+    described, number = load_robot(robot), segment - 1
+    if readings is not None and (only_score or others or plot or ambient_C is not None):
+        raise click.UsageError("--readings goes with --robot and --out only")
     if only_score and (out or plot):
         raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
+
+    def fitted(identify: Callable[[thermal_fit.OnProgress], Fit], air_C: float) -> Outcome[Fit]:
+        with output.progress("fitting") as tell:
+            fit = identify(counting(tell, "fitting: fit"))
+            if out is not None:
+                write_identified_robot(robot, out, fit, number)
+        own = thermal_fit.two_node_segment(described, number)
+        return fit, own, plausibility.doubts(described, fit.segment, fit.fitted, air_C, number)
+
+    if readings is not None:
+        logged = read_transitions(log, readings, described.geometry.segments)
+        found, own, doubts = fitted(
+            lambda tell: identify_transitions(logged, described, str(log), tell, number),
+            described.heater.ambient_C,
+        )
+        document = {**_transition_document(found), "warnings": doubts}
+        output.report(lambda: document, lambda: _print_transitions(found, own, doubts))
+        return
     recorded = read_heating_log(log, ambient_C)
     unseen = [read_heating_log(path) for path in others]
     if only_score:
-        own = thermal_fit.two_node_segment(described, segment - 1)
+        own = thermal_fit.two_node_segment(described, number)
         scores = [(each, thermal_fit.score(each, own)) for each in (recorded, *unseen)]
         output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
         return
-    with output.progress("fitting") as tell:
-        told = counting(tell, "fitting: fit")
-        fit = thermal_fit.identify(recorded, described, told, segment - 1)
-        if out is not None:
-            write_identified_robot(robot, out, fit, segment - 1)
-        if plot is not None:
-            from twosra_mpc.lab.figures.thermal_fit_figure import plot_thermal_fit
+    fit, own, doubts = fitted(
+        lambda tell: thermal_fit.identify(recorded, described, tell, number), recorded.ambient_C
+    )
+    if plot is not None:
+        from twosra_mpc.lab.figures.log_figures import plot_thermal_fit
 
-            plot_thermal_fit(fit, plot)
+        plot_thermal_fit(fit, plot)
     scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]
-    own, air_C = thermal_fit.two_node_segment(described, segment - 1), recorded.ambient_C
-    doubts = plausibility.doubts(described, fit.segment, fit.fitted, air_C, segment - 1)
     doubts += plausibility.holds_called_heating(recorded)
-
-    def tables() -> None:
-        _print_fit(recorded, fit, own, scores)
-        _print_doubts(doubts)
-
-    output.report(lambda: {**_document(fit, scores), "warnings": doubts}, tables)
-
-
-def _fit_transitions(
-    log: Path,
-    readings: Path,
-    robot: Robot,
-    source: str,
-    segment: int,
-    out: Path | None,
-    output: Output,
-) -> None:
-    """Fit melts and freezes, and tell every one of them."""
-    logged = read_transitions(log, readings, robot.geometry.segments)
-    with output.progress("fitting") as tell:
-        told = counting(tell, "fitting: fit")
-        fit = identify_transitions(logged, robot, str(log), told, segment)
-        if out is not None:
-            write_identified_robot(source, out, fit, segment)
-    own, air_C = thermal_fit.two_node_segment(robot, segment), robot.heater.ambient_C
-    doubts = plausibility.doubts(robot, fit.segment, fit.fitted, air_C, segment)
-
-    def tables() -> None:
-        _print_transitions(fit, own)
-        _print_doubts(doubts)
-
-    output.report(lambda: {**_transition_document(fit), "warnings": doubts}, tables)
+    output.report(
+        lambda: {**_document(fit, scores), "warnings": doubts},
+        lambda: _print_fit(recorded, fit, own, scores, doubts),
+    )
 
 
 def _print_doubts(doubts: list[str]) -> None:
@@ -184,7 +173,7 @@ def _transition_document(fit: TransitionFit) -> dict[str, Any]:
     }
 
 
-def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
+def _print_transitions(fit: TransitionFit, own: TwoNodeSegment, doubts: list[str]) -> None:
     rows = []
     for name in fit.fitted:
         span = f"{fit.smallest[name]:z.4g} to {fit.largest[name]:z.4g}"
@@ -207,6 +196,7 @@ def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
         f" ten within {fit.quantile(0.9):z.1%}; {fit.within(0.35)} of {len(fit.predictions)} within"
         f" 35 %. What lasted less than {SHORTEST_S:zg} s is told, but not fitted."
     )
+    _print_doubts(doubts)
 
 
 def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
@@ -232,7 +222,11 @@ def _scores(scores: Scores) -> list[dict[str, Any]]:
 
 
 def _print_fit(
-    log: HeatingLog, fit: thermal_fit.ThermalFit, own: TwoNodeSegment, scores: Scores
+    log: HeatingLog,
+    fit: thermal_fit.ThermalFit,
+    own: TwoNodeSegment,
+    scores: Scores,
+    doubts: list[str],
 ) -> None:
     _print_parameters(fit, own)
     rows = [
@@ -255,6 +249,7 @@ def _print_fit(
         f"in a hold the power is unknown, and the first {CORRECTED_S:zg} s after it help to find "
         f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:z.4g} C.{start}"
     )
+    _print_doubts(doubts)
 
 
 def _print_scores(robot: Robot, scores: Scores) -> None:
@@ -284,3 +279,35 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
 def _residuals(found: Residuals) -> tuple[str, ...]:
     values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
     return tuple(digits(value, 3) for value in values)
+
+
+def write_identified_robot(
+    source: str | Path, target: str | Path, fit: ThermalFit | TransitionFit, number: int = 0
+) -> None:
+    """Write a copy of a robot file whose ``[segment]`` has the identified values and ranges.
+
+    Of a file that lists its segments, this is the one of a number, from 0. Everything else,
+    comments included, stays as it is.
+
+    Raises:
+        InputError: If ``source`` is not TOML, or ``target`` cannot be written.
+    """
+    document = robot_document(source)
+    segment = document["segment"]
+    if isinstance(segment, AoT):
+        segment = segment[number]
+    assert isinstance(segment, Table)
+    for name in fit.fitted:
+        segment[name] = getattr(fit.segment, name)
+    segment.comment(f"identified anew from {fit.summary}")
+    if "ranges" not in segment:
+        segment["ranges"] = tomlkit.table()
+    ranges = segment["ranges"]
+    assert isinstance(ranges, Table)
+    for name in fit.fitted:
+        ranges[name] = list(fit.segment.ranges[name])
+    ranges.comment(
+        "5 to 95 %: standard error, all fits that leave a part out, and at least"
+        f" {100 * LOGS_DIFFER:zg} % on either side, as fits to logs of one segment differ"
+    )
+    write_text(target, tomlkit.dumps(document))

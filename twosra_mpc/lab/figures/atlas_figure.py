@@ -91,7 +91,7 @@ def chosen_keys(runs: DataFrame, x: str | None, y: str | None) -> tuple[str, str
     return x, y or (free[0] if free else None)
 
 
-def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
+def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> None:
     """Draw which mode sequence the plan has where; over one key, with the durations."""
     ranks = _ranks(runs)
     coded = runs.assign(code=runs["sequence"].map(ranks))
@@ -101,7 +101,9 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
         ax.scatter(coded[x], coded["duration_s"], c=coded["code"], s=14, **style)
         ax.set(xlabel=_label(x), ylabel="duration [s]")
     else:
-        _draw_places(ax, coded, x, y, "code", _most_frequent, style)
+        _draw_places(
+            ax, coded, x, y, "code", lambda at: float(np.bincount(at.astype(int)).argmax()), style
+        )
     keys = {name or "no plan": colours(rank) for name, rank in ranks.items() if rank <= _TOLD_APART}
     if max(ranks.values()) > _TOLD_APART:
         keys["others"] = colours(_TOLD_APART + 1)
@@ -110,12 +112,11 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
         handles, list(keys), fontsize=6.5, loc="upper left", bbox_to_anchor=(0, -0.16), ncols=2
     )
     ax.set_title("mode sequence of the plan")
-    return ax
 
 
 def draw_quantity(
     ax: Axes, runs: DataFrame, x: str, y: str | None, column: str, title: str
-) -> Axes:
+) -> None:
     """Draw a number of the plans over two keys in colours, or over one key."""
     if y is None:
         ax.scatter(runs[x], runs[column], c=_BLUE, s=10)
@@ -124,10 +125,9 @@ def draw_quantity(
         drawn = _draw_places(ax, runs, x, y, column, np.nanmedian, {"cmap": "viridis"})
         ax.figure.colorbar(drawn, ax=ax)
     ax.set_title(title)
-    return ax
 
 
-def draw_trend(ax: Axes, runs: DataFrame, x: str) -> Axes:
+def draw_trend(ax: Axes, runs: DataFrame, x: str) -> None:
     """Draw median duration over a key, with the band that holds 80 % of the plans."""
     made = plans(runs)
     edges = np.unique(made[x])
@@ -143,10 +143,9 @@ def draw_trend(ax: Axes, runs: DataFrame, x: str) -> Axes:
     ax.plot(at, middle, "o-", ms=3, c=_BLUE, label="median")
     ax.set(xlabel=_label(x), title="duration [s]")
     ax.legend()
-    return ax
 
 
-def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
+def draw_worth(ax: Axes, worth: Sequence[Worth]) -> None:
     """Draw what changes are worth: median, and the range that holds 80 % of what they save."""
     places = np.arange(len(worth))[::-1]
     low, middle, high = np.array(
@@ -162,10 +161,9 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
     _name_few(ax, SymmetricalLogLocator(linthresh=1.0, base=10, subs=_TICKS))
     ax.set(yticks=(), title="what changes are worth", xlabel="saved [s of a plan]")
     ax.set_ylim(-0.5, len(worth) - 0.2)
-    return ax
 
 
-def draw_gaps(ax: Axes, runs: DataFrame) -> Axes:
+def draw_gaps(ax: Axes, runs: DataFrame) -> None:
     """Draw the proved gaps of the plans as a histogram."""
     gaps = 100 * plans(runs)["search_gap"].dropna().to_numpy()
     title = "proved gap at full speed"
@@ -180,7 +178,6 @@ def draw_gaps(ax: Axes, runs: DataFrame) -> Axes:
         ax.set_xscale("log")
         _name_few(ax, LogLocator(subs=_TICKS))
     ax.set(title=title, xlabel="gap [%]", ylabel="plans")
-    return ax
 
 
 def _name_few(ax: Axes, ticks: Locator) -> None:
@@ -211,11 +208,6 @@ def _draw_places(
         if known.size:
             places[group["row_"].iloc[0], group["column_"].iloc[0]] = of(known)
     return ax.pcolormesh(xs, ys, np.ma.masked_invalid(places), shading="nearest", **style)
-
-
-def _most_frequent(codes: Array) -> float:
-    values, counts = np.unique(codes, return_counts=True)
-    return float(values[np.argmax(counts)])
 
 
 def _ranks(runs: DataFrame) -> dict[str, int]:

@@ -91,23 +91,19 @@ def draw_steps(axes: Sequence[Axes], each: Estimate, measured: Measured, camera:
         _frame(ax, measured, camera)
     _bar(axes[0], camera)
     axes[0].set_ylabel(f"{each.path.parent.name}/{each.path.name}", fontsize=8)
-    _contour(axes[1], measured, camera)
+    fine, (top, left) = upsampled(measured.photograph, measured.region, _FINE)
+    y, x = ((np.arange(size) + 0.5) / _FINE - 0.5 for size in fine.shape)
+    axes[1].contour(x + left, y + top, fine, levels=[camera.threshold], **_CONTOUR)
     axes[2].plot(*measured.published.line_px.T, **_THIN)
     axes[2].plot(*measured.published.smooth_px.T, **_SMOOTH)
     mean, spread = each.published_per_m, measured.published.spread_per_m
     known = measured.published.known
-    _say(axes[2], f"{mean:+z.1f} 1/m, spread {spread:z.1f} (on {known:z.0%})")
+    axes[2].set_xlabel(f"{mean:+z.1f} 1/m, spread {spread:z.1f} (on {known:z.0%})", fontsize=8.5)
     axes[3].plot(*measured.arc.line_px.T, **_LINE)
     axes[3].plot(*measured.arc.arc_px.T, **_ARC)
     error, chance = measured.arc.standard_error_per_m, measured.arc.p_value
     fits = f"p = {chance:z.2f}" if chance >= 0.01 else "p < 0.01"
-    _say(axes[3], f"{each.arc_per_m:+z.1f} ± {error:z.1f} 1/m, {fits}")
-
-
-def _contour(ax: Axes, measured: Measured, camera: Camera) -> None:
-    fine, (top, left) = upsampled(measured.photograph, measured.region, _FINE)
-    y, x = ((np.arange(size) + 0.5) / _FINE - 0.5 for size in fine.shape)
-    ax.contour(x + left, y + top, fine, levels=[camera.threshold], **_CONTOUR)
+    axes[3].set_xlabel(f"{each.arc_per_m:+z.1f} ± {error:z.1f} 1/m, {fits}", fontsize=8.5)
 
 
 def _frame(ax: Axes, measured: Measured, camera: Camera) -> None:
@@ -126,10 +122,6 @@ def _bar(ax: Axes, camera: Camera) -> None:
     x, y = left + 0.06 * (right - left), bottom + 0.08 * (top - bottom)
     ax.plot([x, x + long], [y, y], c="white", lw=2.5, solid_capstyle="butt")
     ax.text(x + long / 2, y + 0.03 * (top - bottom), "10 mm", c="white", ha="center", fontsize=7.5)
-
-
-def _say(ax: Axes, words: str) -> None:
-    ax.set_xlabel(words, fontsize=8.5)
 
 
 def draw_estimates(top: Axes, bottom: Axes, estimates: Sequence[Estimate]) -> None:

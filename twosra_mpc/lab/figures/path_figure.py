@@ -80,15 +80,12 @@ class PathCurves:
     cardioid_fit: CardioidFit
 
 
-def plot_paths(
-    robot: Robot, path: str | Path | None = None, alpha_max: float = CARDIOID_BEND_RAD
-) -> Figure:
+def plot_paths(robot: Robot, path: str | Path | None = None) -> Figure:
     """Draw the path of the moving fibre end and its fits, in the cases I, II and III.
 
     Args:
         robot: The robot; only its geometry counts.
         path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
-        alpha_max: Largest bending angle the cardioids are fitted to [rad].
 
     Raises:
         InputError: If the robot has not two segments, a fit fails, matplotlib cannot write such a
@@ -98,28 +95,27 @@ def plot_paths(
         allowed = "2: spirals and cardioids are the paths of units with two segments between them"
         raise InputError("segments", robot.geometry.segments, allowed)
     with figures.styled_figure((10.0, 4.7), path) as figure:
-        curves = path_curves(robot.geometry, alpha_max)
+        curves = path_curves(robot.geometry)
         figure.suptitle(_title(robot), wrap=True)
         for ax, case_curves in zip(figure.subplots(1, 3), curves, strict=True):
             _draw_case(ax, robot.geometry, case_curves)
-        _legend(figure, alpha_max)
+        _legend(figure)
     return figure
 
 
-def path_curves(
-    geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD, points: int = 241
-) -> tuple[PathCurves, PathCurves, PathCurves]:
+def path_curves(geometry: Geometry, points: int = 241) -> list[PathCurves]:
     """Exact path and fitted curves of the three cases, as points to draw, in units of l."""
     length, curves = geometry.lengths_m[0], []
-    fits = zip(CASES, fit_spirals(geometry), fit_cardioids(geometry, alpha_max), strict=True)
+    fits = zip(CASES, fit_spirals(geometry), fit_cardioids(geometry), strict=True)
     for case, spiral, cardioid in fits:
         bends = np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points)
         exact = exact_path(case, geometry, bends) / length
         drawn = spiral_points(spiral, polar(exact, *spiral.centre)[1])
-        successor = cardioid_points(cardioid, np.linspace(0.0, alpha_max, points)) / length
+        turn = cardioid.phi_per_alpha * np.linspace(0.0, CARDIOID_BEND_RAD, points)
+        radius = 2 * cardioid.radius_m * (1 + np.cos(turn))
+        successor = _cartesian(radius, turn, cardioid.centre_m) / length
         curves.append(PathCurves(case, exact, drawn, successor, spiral, cardioid))
-    one, two, three = curves
-    return one, two, three
+    return curves
 
 
 def _title(robot: Robot) -> str:
@@ -199,8 +195,8 @@ def _pale(colour: str) -> str:
     return to_hex((red, green, blue))
 
 
-def _legend(figure: Figure, alpha_max: float) -> None:
-    ranges = {"cardioid": rf"cardioid, $\alpha \leq {np.degrees(alpha_max):z.3g}°$"}
+def _legend(figure: Figure) -> None:
+    ranges = {"cardioid": rf"cardioid, $\alpha \leq {np.degrees(CARDIOID_BEND_RAD):z.3g}°$"}
     entries = {ranges.get(name, name): Line2D([], [], **look) for name, look in CURVES.items()}
     entries |= {
         "soft segment": plane.line(_pale(figures.SOFT_COLOUR), 3.2),
@@ -218,12 +214,6 @@ def spiral_points(fit: SpiralFit, turn_rad: ArrayLike) -> Array:
     turn = np.asarray(turn_rad, dtype=float)
     radius = fit.scale * np.exp(-fit.growth * (fit.start_rad + turn))
     return _cartesian(radius, turn, fit.centre)
-
-
-def cardioid_points(fit: CardioidFit, alpha: ArrayLike) -> Array:
-    """Points of a cardioid [m] at bending angles (n,) [rad], shape (n, 2)."""
-    turn = fit.phi_per_alpha * np.asarray(alpha, dtype=float)
-    return _cartesian(2 * fit.radius_m * (1 + np.cos(turn)), turn, fit.centre_m)
 
 
 def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:

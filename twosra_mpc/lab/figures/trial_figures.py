@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from twosra_mpc.lab.identification.motion_log import MotionLog
-from twosra_mpc.lab.photographs.references import load_cycles, mean_of_cycles
-from twosra_mpc.lab.photographs.study import Estimate
+from twosra_mpc.lab.photographs.study import Estimate, load_cycles, mean_of_cycles
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.robot.coordinates import Array

@@ -130,19 +130,18 @@ def exact_path(case: Case, geometry: Geometry, alpha: ArrayLike) -> Array:
     return np.stack([-end.real, end.imag], axis=1)
 
 
-def fit_spirals(geometry: Geometry) -> tuple[SpiralFit, SpiralFit, SpiralFit]:
+def fit_spirals(geometry: Geometry) -> tuple[SpiralFit, ...]:
     """Fit spirals I, II and III as Table I was fitted: radially, with a free centre.
 
     Raises:
         InputError: If no spiral follows a path of these lengths.
     """
-    one, two, three = (_fit_spiral(case, geometry) for case in CASES)
-    return one, two, three
+    return tuple(_fit_spiral(case, geometry) for case in CASES)
 
 
 def fit_cardioids(
     geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD
-) -> tuple[CardioidFit, CardioidFit, CardioidFit]:
+) -> tuple[CardioidFit, ...]:
     """Fit cardioids I, II and III radially, with a free centre on the axis of symmetry.
 
     Args:
@@ -150,17 +149,12 @@ def fit_cardioids(
         alpha_max: Largest absolute bending angle of each soft segment [rad], at most pi.
 
     Raises:
-        InputError: If ``alpha_max`` is out of range or no cardioid follows a path of these lengths.
+        InputError: If no cardioid follows a path of these lengths.
     """
-    if not 0.0 < alpha_max <= np.pi:
-        raise InputError("alpha_max", alpha_max, "more than 0 and at most pi [rad]")
-    one, two, three = (_fit_cardioid(case, geometry, alpha_max) for case in CASES)
-    return one, two, three
+    return tuple(_fit_cardioid(case, geometry, alpha_max) for case in CASES)
 
 
-def fitted_path_tables(
-    robot: Robot, alpha_max: float = CARDIOID_BEND_RAD
-) -> dict[str, dict[str, Any]]:
+def fitted_path_tables(robot: Robot) -> dict[str, dict[str, Any]]:
     """Return the ``[path]`` tables of a robot file, by model, fitted to the robot's lengths.
 
     ``log_spiral`` counts theta from pi in all three cases (eq. kappa), so its ``scale`` is
@@ -169,13 +163,11 @@ def fitted_path_tables(
 
     Args:
         robot: The robot; only its geometry counts.
-        alpha_max: Range of the cardioids, see `fit_cardioids`.
 
     Raises:
         InputError: As `fit_spirals` and `fit_cardioids`.
     """
-    spirals = fit_spirals(robot.geometry)
-    cardioids = fit_cardioids(robot.geometry, alpha_max)
+    spirals, cardioids = fit_spirals(robot.geometry), fit_cardioids(robot.geometry)
     shared = {
         "growth": _written(fit.growth for fit in spirals),
         "angle_ratio": list(ANGLE_RATIO),

@@ -120,13 +120,14 @@ def _phase(log: MotionLog, robot: Robot, rows: slice) -> PhaseReplay:
     done = log.commands[rows][:-1] * np.diff(time_s)[:, None]
     lengths, soft = np.array(robot.geometry.lengths_m), list(soft_segments(mode))
 
-    def states(start: Array, displacements: Array) -> Array:
-        return _states(robot, mode, start, displacements, log.by_wheels)
-
     def bend(q: Array) -> Array:
         return (q[:, POSE:] - q[0, POSE:])[:, soft] @ lengths[soft]
 
-    predicted, bent = _within(robot, states(measured[0], done)), bend(measured)
+    if log.by_wheels:
+        states = rolled(robot.body, mode, measured[0], done)
+    else:
+        states = roll_out(robot, measured[0], (mode,), done[None]).states[0]
+    predicted, bent = _within(robot, states), bend(measured)
     as_bent = None
     if soft and abs(bent[-1]) >= LEAST_BEND_RAD:
         as_bent = _dragged(robot, mode, measured, done, log.by_wheels)
@@ -143,13 +144,6 @@ def _dragged(robot: Robot, mode: Mode, measured: Array, done: Array, by_wheels: 
             turned = travelled(robot, mode, middle, turned)
         states[row + 1, :POSE] = dragged(robot, here, bent, turned)
     return states
-
-
-def _states(robot: Robot, mode: Mode, start: Array, done: Array, by_wheels: bool) -> Array:
-    """Configurations along input displacements, or turns of the wheels, from ``start`` on."""
-    if by_wheels:
-        return rolled(robot.body, mode, start, done)
-    return roll_out(robot, start, (mode,), done[None]).states[0]
 
 
 def _within(robot: Robot, states: Array) -> Array:

@@ -12,7 +12,6 @@ differ, so ranges are never narrower than `LOGS_DIFFER` on either side.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,12 +23,18 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification import log_fit, plausibility
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
-from twosra_mpc.lab.identification.log_fit import Bounded, Family, Fitted, Residuals
-from twosra_mpc.lab.identification.log_plants import TwoNodePlant
-from twosra_mpc.lab.identification.log_response import HeaterLaw, Response, SensorLag, respond
+from twosra_mpc.lab.identification.log_fit import Bounded, Family, Residuals
+from twosra_mpc.lab.identification.log_response import (
+    HeaterLaw,
+    Response,
+    SensorLag,
+    TwoNodePlant,
+    respond,
+)
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
+from twosra_mpc.thermal.uncertainty import NORMAL_95
 
 OnProgress = Callable[[int, int], None]
 
@@ -38,7 +43,6 @@ OnProgress = Callable[[int, int], None]
 LOGS_DIFFER = 0.3
 
 _SIGNIFICANT = 5  # digits of what goes into a robot file
-_NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
 
 _LAG = Bounded(3.0, 0.2, 30.0)
 _LAW = (Bounded(0.04, 1e-4, 2.0), Bounded(0.4, -5.0, 5.0, positive=False))
@@ -164,7 +168,10 @@ class ThermalFit:
 
 @public
 def identify(
-    log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None, segment: int = 0
+    log: HeatingLog,
+    robot: Robot,
+    on_progress: OnProgress = lambda done, of: None,
+    segment: int = 0,
 ) -> ThermalFit:
     """Fit the two-node model to a log, and cross-validate it.
 
@@ -181,26 +188,29 @@ def identify(
     own = two_node_segment(robot, segment)
     even = _plausible(log)
     family, cycles = two_nodes(own.sensor_gain), _separable_cycles(even)
-    done = _counted(on_progress, 1 + len(cycles))
-    best = done(log_fit.fit(family, even))
+    best = log_fit.fit(family, even)
+    on_progress(1, 1 + len(cycles))
     response = family.respond(best.values, even)
     off = log_fit.residuals(even, response)
     plausibility.check_fit(
         dict(zip(Parameters._fields, _TWO_NODES, strict=True)), best, off, log.source
     )
     held_out = []
-    for cycle in cycles:
+    for number, cycle in enumerate(cycles, start=2):
         here = even.cycle == cycle
-        part = Parameters(*done(log_fit.fit(family, even.scoring(~here), best.values)).values)
+        part = Parameters(*log_fit.fit(family, even.scoring(~here), best.values).values)
+        on_progress(number, 1 + len(cycles))
         unseen = log_fit.residuals(even.scoring(here), family.respond(part, even))
         held_out.append(HeldOut(cycle, part, unseen))
     found, errors = Parameters(*best.values), Parameters(*best.standard_errors)
     each = [found, *(part.parameters for part in held_out)]
     smallest, largest = (Parameters(*map(pick, zip(*each, strict=True))) for pick in (min, max))
+    by_name = (of._asdict() for of in (errors, smallest, largest))
+    fitted = {name: getattr(found, name) for name in SEGMENT_FIELDS}
     return ThermalFit(
         source=log.source,
         robot=robot.name,
-        segment=described(own, *map(_by_name, (found, errors, smallest, largest))),
+        segment=described(own, fitted, *by_name),
         parameters=found,
         standard_errors=errors,
         smallest=smallest,
@@ -292,7 +302,7 @@ def described(
     """
     ranges: dict[str, tuple[float, float]] = dict(own.ranges)
     for name, value in found.items():
-        spread = max(_NORMAL_95 * errors[name], LOGS_DIFFER * value)
+        spread = max(NORMAL_95 * errors[name], LOGS_DIFFER * value)
         spread = min(spread, 0.9 * value)  # of what the log does not tell
         ends = min(low[name], value - spread), max(high[name], value + spread)
         ranges[name] = (_rounded(ends[0]), _rounded(ends[1]))
@@ -300,21 +310,5 @@ def described(
     return own.with_values(**values, ranges=ranges)
 
 
-def _by_name(of: Parameters) -> dict[str, float]:
-    return dict(zip(SEGMENT_FIELDS, of, strict=False))
-
-
 def _rounded(value: float) -> float:
     return float(np.format_float_scientific(value, _SIGNIFICANT - 1))
-
-
-def _counted(on_progress: OnProgress | None, total: int) -> Callable[[Fitted], Fitted]:
-    """Function that passes fits on, and counts them."""
-    numbers = itertools.count(1)
-
-    def done(fitted: Fitted) -> Fitted:
-        if on_progress is not None:
-            on_progress(next(numbers), total)
-        return fitted
-
-    return done

@@ -31,8 +31,8 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.identification import plausibility
 from twosra_mpc.lab.identification.heating_log import Flags, check_readings
-from twosra_mpc.lab.identification.log_plants import TwoNodePlant, driven
-from twosra_mpc.lab.identification.log_response import SensorLag
+from twosra_mpc.lab.identification.log_fit import Fitted
+from twosra_mpc.lab.identification.log_response import SensorLag, TwoNodePlant, driven
 from twosra_mpc.lab.identification.thermal_fit import (
     SEGMENT_PARAMETERS,
     UNIT,
@@ -229,7 +229,7 @@ def identify_transitions(
     logged: tuple[LoggedTransition, ...],
     robot: Robot,
     source: str,
-    on_progress: OnProgress | None = None,
+    on_progress: OnProgress = lambda done, of: None,
     segment: int = 0,
 ) -> TransitionFit:
     """Fit the two-node model to logged durations, and predict each by a fit that leaves it out.
@@ -253,33 +253,36 @@ def identify_transitions(
     start = tuple(SEGMENT_PARAMETERS[name].start for name in _FITTED)
     predict = _predictor(logged, own, robot.heater)
 
-    def done(fits: int) -> None:
-        if on_progress is not None:
-            on_progress(fits, PARTS + 1)
-
-    def fitted(kept: Flags, near: tuple[float, ...]) -> _Fitted:
+    def fitted(kept: Flags, near: tuple[float, ...]) -> Fitted:
         return _fitted(predict, logged, counted & kept, near, own.body_ratio)
 
     number = np.arange(len(logged))
     best = fitted(number >= 0, start)
-    done(1)
+    on_progress(1, PARTS + 1)
     fitted_s = predict(best.values)
     off = np.abs(fitted_s / [each.duration_s for each in logged] - 1)[counted]
-    thresholds = f"{own.solid_below_C:zg} and {own.liquid_above_C:zg} C"
-    _check_fit(best.values, off, f"{robot.name}'s thresholds, {thresholds}", source)
+    if (median := float(np.median(off))) > LARGEST_MEDIAN:
+        allowed = (
+            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
+            f" targets, and {robot.name}'s thresholds, {own.solid_below_C:zg} and"
+            f" {own.liquid_above_C:zg} C"
+        )
+        raise InputError("error of durations", round(median, 2), allowed, source)
+    searched = {name: SEGMENT_PARAMETERS[name] for name in _FITTED}
+    plausibility.check_bounds(searched, best.values, source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
         out = number * PARTS // len(logged) == part  # a stretch of the log: days differ
         if (out & counted).any():
             parts.append(fitted(~out, best.values).values)
         left_out_s[out] = predict(parts[-1])[out]
-        done(part + 2)
+        on_progress(part + 2, PARTS + 1)
     if len(logged) >= 4 * LEAST_OF_A_KIND:  # logs differ by more than a tenth of one does
         half = number < len(logged) / 2
         parts += [fitted(kept, best.values).values for kept in (half, ~half)]
     ends = (pick(np.array(parts), axis=0).tolist() for pick in (np.min, np.max))
     values, errors, smallest, largest = (
-        dict(zip(_FITTED, each, strict=True)) for each in (*best, *ends)
+        dict(zip(_FITTED, each, strict=True)) for each in (*best[:2], *ends)
     )
     predictions = zip(logged, fitted_s.tolist(), left_out_s.tolist(), strict=True)
     return TransitionFit(
@@ -292,29 +295,13 @@ def identify_transitions(
     )
 
 
-def _check_fit(values: tuple[float, ...], off: Array, thresholds: str, source: str) -> None:
-    """Refuse durations that are missed by too large a share, and values at their bounds."""
-    if (median := float(np.median(off))) > LARGEST_MEDIAN:
-        allowed = (
-            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
-            f" targets, and {thresholds}"
-        )
-        raise InputError("error of durations", round(median, 2), allowed, source)
-    plausibility.check_bounds({name: SEGMENT_PARAMETERS[name] for name in _FITTED}, values, source)
-
-
-class _Fitted(NamedTuple):
-    values: tuple[float, ...]
-    standard_errors: tuple[float, ...]
-
-
 def _fitted(
     predict: Callable[[tuple[float, ...]], Array],
     logged: tuple[LoggedTransition, ...],
     counted: Flags,
     start: tuple[float, ...],
     body_ratio: float,
-) -> _Fitted:
+) -> Fitted:
     """Fit logarithms of the parameters to logarithms of the durations that count."""
     duration = np.array([each.duration_s for each in logged])
 
@@ -339,7 +326,7 @@ def _fitted(
     jacobian = np.asarray(result.jac)
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * spread**2
     errors = values * np.sqrt(np.diag(covariance))
-    return _Fitted(tuple(values.tolist()), tuple(errors.tolist()))
+    return Fitted(tuple(values.tolist()), tuple(errors.tolist()), float(result.cost))
 
 
 def _predictor(

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from twosra_mpc.lab.paper.claims import Claim, Reading
-from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
+from twosra_mpc.lab.paper.section import (
+    Claim,
+    Data,
+    Reading,
+    Section,
+    Table,
+    Tell,
+    declared,
+    percent,
+)
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plotting import plot_plan

@@ -11,9 +11,9 @@ import numpy as np
 
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.lab.bench.singular_shapes import condition_number, singular_shapes
-from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
+from twosra_mpc.lab.paper.section import Data, Tell
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS, Simulation
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS, Simulation
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import robot_shape
@@ -143,8 +143,3 @@ def _divider() -> Data:
     by_line_C = np.interp([divider.voltage_V(each) for each in degrees], (low, high), (cold, hot))
     errors = by_line_C - degrees
     return {"supply_V": supply_V, "straight_line_off_C": float(np.abs(errors).max())}
-
-
-def section(data: Data) -> Section:
-    """Compare the equations with the geometry they describe."""
-    return declared("equations", data)

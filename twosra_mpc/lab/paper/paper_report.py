@@ -6,12 +6,14 @@ Stiffness and Adaptive Morphology", IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749
 
 from __future__ import annotations
 
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import plain_data, write_json, write_text
+from twosra_mpc.files import data_file, environment, plain_data, write_json, write_text
 from twosra_mpc.installation import __version__
 from twosra_mpc.lab.paper import (
     applications,
@@ -22,10 +24,9 @@ from twosra_mpc.lab.paper import (
     trials,
     unit_paths,
 )
-from twosra_mpc.lab.paper.claims import Verdict
-from twosra_mpc.lab.paper.paper_page import paper_page
-from twosra_mpc.lab.paper.section import Data, Section, Tell
+from twosra_mpc.lab.paper.section import Data, Section, Tell, Verdict, declared
 from twosra_mpc.lab.photographs.picture import Camera
+from twosra_mpc.report.page import policy, versions
 
 PAGE, NUMBERS = "report.html", "numbers.json"
 SEGMENT_M = 0.04
@@ -120,9 +121,9 @@ def reproduce(
     report = PaperReport(
         (
             unit_paths.section(data["paths"]),
-            equations.section(data["equations"]),
+            declared("equations", data["equations"]),
             published_tasks.section(data["tasks"]),
-            statistics.section(data["statistics"]),
+            declared("statistics", data["statistics"], pictures=(statistics.FIGURE,)),
             photographs.section(data.get("curvature")),
             trials.section(data.get("trials")),
             applications.section(data["applications"]),
@@ -145,3 +146,50 @@ def _made(folder: Path) -> Path:
         )
         raise InputError("output", str(folder), allowed) from error
     return folder
+
+
+_FOLDER = "lab/paper"
+# Everything that the paper shows -> where it is in this report, or why it is not.
+SHOWN = (
+    ("Fig. 1, 2", "the robot and its geometry", "drawings: nothing to compute"),
+    ("Fig. 3, Table I", "paths of the units and their spirals", "paths"),
+    ("Fig. 4", "geometry of a spiral, control strategy", "drawings: nothing to compute"),
+    ("Fig. 5(a)", "set-up of the trials", "a photograph"),
+    ("Fig. 5(b)", "forward kinematics against the planner", "statistics"),
+    ("Fig. 6(a)", "the five tasks", "tasks"),
+    ("Fig. 6(b-d)", "segment in thermal photographs", "curvature"),
+    ("Fig. 7(a-c)", "trials against simulations", "trials"),
+    ("Fig. 7(d)", "curvature along the segment", "curvature"),
+    ("Fig. 8", "two applications", "applications"),
+    ("Table II", "comparison with other robots", "properties in words: nothing to compute"),
+)
+
+
+def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], folder: Path) -> str:
+    """Return the report as one HTML document.
+
+    Args:
+        sections: Its sections, in order.
+        verdicts: How many claims have which verdict.
+        folder: Where the figures are.
+    """
+    style = data_file("report/page.css") + data_file(f"{_FOLDER}/paper.css")
+    return (
+        environment(_FOLDER)
+        .get_template("paper.html")
+        .render(
+            policy=policy(style, ""),
+            style=style,
+            sections=sections,
+            titles={section.name: section.title for section in sections},
+            verdicts={one.value: count for one, count in verdicts.items()},
+            look={one.value: one.name.lower() for one in Verdict},
+            shown=SHOWN,
+            versions=versions(None),
+            pictures={
+                picture.file: b64encode((folder / picture.file).read_bytes()).decode()
+                for section in sections
+                for picture in section.pictures
+            },
+        )
+    )

@@ -121,10 +121,11 @@ def section(data: Data) -> Section:
     """Compare runs with what was published."""
     of = {task: data[task] for task in TASKS}
     differences = {task: one["largest_difference"] for task, one in of.items()}
-    sequences, lengths = zip(*(_as_published(*each) for each in of.items()), strict=True)
+    pairs = [(one, *PUBLISHED[task]) for task, one in of.items()]
+    same = [sequence_name(one["sequence"]) == sequence_name(modes) for one, modes, _ in pairs]
     found = differences | {
-        "sequences": np.mean(sequences),
-        "rows": np.mean(lengths),
+        "sequences": np.mean(same),
+        "rows": np.mean([one["recorded_rows"] == rows for one, _, rows in pairs]),
         "reached": np.mean([one["distance_left"] == 0.0 for one in of.values()]),
         **{
             f"last_{left}": np.mean([one["last"][str(left)] for one in of.values()])
@@ -138,12 +139,6 @@ def section(data: Data) -> Section:
         (TASKS_FIGURE, ERROR_FIGURE),
         missing=set(differences.values()) == {None},
     )
-
-
-def _as_published(task: str, one: dict[str, Any]) -> tuple[bool, bool]:
-    """True if modes are those published, and if the number of recorded rows is."""
-    modes, rows = PUBLISHED[task]
-    return sequence_name(one["sequence"]) == sequence_name(modes), one["recorded_rows"] == rows
 
 
 def _runs(of: dict[str, Any]) -> Table:

@@ -1,14 +1,142 @@
-"""Sections of the report; what the paper says in each is in ``paper.toml``."""
+"""Sections of the report, their claims as numbers, and the verdict on each of them by a rule.
+
+What the paper says in each section is in ``paper.toml``. A claim has one reading or several, for a
+text may mean more than one thing ("the last mode": of all iterations, or of those that were
+recorded?). The rule of a reading is how far our number may be from the published one for it to
+hold, and how far with a caveat. A claim holds if all its readings do, does not hold if none does
+even with a caveat, and holds with a caveat in between. Readings without data are left out.
+"""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
+from twosra_mpc.arguments import Word
 from twosra_mpc.files import data_file
-from twosra_mpc.lab.paper.claims import Claim, Reading, every
+
+
+class Verdict(Word):
+    """Verdict of our numbers on a claim."""
+
+    HOLDS = "holds"
+    CAVEAT = "holds with a caveat"
+    FAILS = "does not hold"
+    UNDECIDED = "undecided: no plan was found"
+    UNCHECKED = "cannot be checked: no data"
+
+
+_DIRECTION = {"equal": "off", "at most": "above", "at least": "below"}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to put a claim in numbers.
+
+    Attributes:
+        words: What is counted or measured.
+        published: What the paper says, in ``unit``.
+        ours: What we find, in ``unit``; None without data.
+        unit: Of both; empty for plain numbers.
+        holds: How far off it holds.
+        caveat: How far off it holds with a caveat.
+        sense: Which differences count: both, or only those above or below what is published.
+    """
+
+    words: str
+    published: float
+    ours: float | None
+    unit: str
+    holds: float
+    caveat: float
+    sense: Literal["equal", "at most", "at least"] = "equal"
+
+    @property
+    def difference(self) -> float | None:
+        """Ours less published, None without data."""
+        return None if self.ours is None else self.ours - self.published
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict by the rule; a number that is none (NaN) does not hold."""
+        if self.difference is None:
+            return Verdict.UNCHECKED
+        above = {"equal": abs(self.difference), "at most": self.difference}
+        off = above.get(self.sense, -self.difference)
+        if off <= self.holds:
+            return Verdict.HOLDS
+        return Verdict.CAVEAT if off <= self.caveat else Verdict.FAILS
+
+    @property
+    def rule(self) -> str:
+        """The rule in words."""
+        unit, where = f" {self.unit}" if self.unit else "", _DIRECTION[self.sense]
+        exactly = {"equal": "exactly", "at most": "not above", "at least": "not below"}[self.sense]
+        first = f"up to {self.holds:z.3g}{unit} {where}" if self.holds else exactly
+        if self.caveat <= self.holds:
+            return first
+        return f"{first}; with a caveat up to {self.caveat:z.3g}{unit} {where}"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Claim of the paper, its place, and what comes of it.
+
+    Attributes:
+        words: The claim, in our words.
+        where: Section, figure or table of the paper.
+        readings: At least one.
+        note: What to know of it, if anything.
+        undecided: Whether it rests on a plan that was not found, though there may be one.
+    """
+
+    words: str
+    where: str
+    readings: tuple[Reading, ...]
+    note: str = ""
+    undecided: bool = False
+
+    @property
+    def verdict(self) -> Verdict:
+        """On all readings that have data together."""
+        if self.undecided:
+            return Verdict.UNDECIDED
+        found = {reading.verdict for reading in self.readings} - {Verdict.UNCHECKED}
+        if not found:
+            return Verdict.UNCHECKED
+        return found.pop() if len(found) == 1 else Verdict.CAVEAT
+
+    def document(self) -> dict[str, Any]:
+        """The claim as plain data, verdicts and rules in words."""
+        readings = [
+            {
+                **asdict(one),
+                "difference": one.difference,
+                "rule": one.rule,
+                "verdict": str(one.verdict),
+            }
+            for one in self.readings
+        ]
+        return {
+            "claim": self.words,
+            "where": self.where,
+            "verdict": str(self.verdict),
+            "readings": readings,
+            "note": self.note,
+        }
+
+
+def every(words: str, share: float | None) -> Reading:
+    """Reading of a claim about all cases, by the share (0 to 1) in which it holds.
+
+    It holds with a caveat where it is so in four cases of five.
+    """
+    return Reading(
+        words, 100.0, None if share is None else 100.0 * share, "%", 0.0, 20.0, "at least"
+    )
+
 
 Tell = Callable[[str], None]
 Data = dict[str, Any]  # plain data of a section, of which its claims, tables and figures are made
@@ -75,7 +203,15 @@ def declared(
         others: Claims that are not declared, shown first.
     """
     about = tomllib.loads(data_file("lab/paper/paper.toml"))[name]
-    claims = (_claim(found, **one) for one in about.get("claims", ()))
+    claims = (
+        Claim(
+            one["words"],
+            one["where"],
+            tuple(_reading(found, **each) for each in one["readings"]),
+            one.get("note", "").format_map(found or {}),
+        )
+        for one in about.get("claims", ())
+    )
     return Section(
         name=name,
         title=about["title"],
@@ -85,13 +221,6 @@ def declared(
         pictures=tuple(Picture(file, about["pictures"][file]) for file in pictures),
         missing=about["missing"] if missing else "",
     )
-
-
-def _claim(
-    found: Data | None, words: str, where: str, readings: list[dict[str, Any]], note: str = ""
-) -> Claim:
-    made = tuple(_reading(found, **one) for one in readings)
-    return Claim(words, where, made, note.format_map(found or {}))
 
 
 def _reading(found: Data | None, words: str, **rule: Any) -> Reading:

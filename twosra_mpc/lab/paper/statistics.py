@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twosra_mpc.lab.figures.paper_figures import plot_forward_kinematics
-from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
+from twosra_mpc.lab.paper.section import Data, Tell
 from twosra_mpc.lab.reproduction.published_runs import StopReason
 from twosra_mpc.lab.reproduction.random_problems import RandomRun, random_runs
 from twosra_mpc.robot.modes import is_rigid
@@ -48,8 +48,3 @@ def _shares(runs: Sequence[RandomRun]) -> dict[str, float]:
         "last_rigid_raw": _share(runs, lambda one: is_rigid(one.run.every_mode[-1])),
         "ended": _share(runs, lambda one: one.run.stop is not StopReason.DIVERGED),
     }
-
-
-def section(data: Data) -> Section:
-    """Compare the statistics with what the paper says of its 100 simulations."""
-    return declared("statistics", data, pictures=(FIGURE,))

@@ -12,10 +12,9 @@ import numpy as np
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
-from twosra_mpc.lab.paper.claims import Claim, equal
-from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
+from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Table, Tell, declared
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
-from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.modes import mode_name, sequence_name
@@ -116,7 +115,7 @@ def _trials(logs: Data) -> Trials:
 def _distances(number: int, trial: Data | None) -> Claim:
     found = [None] * len(COORDINATES) if trial is None else trial["dtw"]["published"]
     readings = tuple(
-        equal(name, published, ours, holds=1e-3 * published, caveat=0.05 * published)
+        Reading(name, published, ours, "", 1e-3 * published, 0.05 * published)
         for name, published, ours in zip(COORDINATES, DTW[number], found, strict=True)
     )
     note = "Row numbers are part of these distances, so they mostly say how the lengths differ."

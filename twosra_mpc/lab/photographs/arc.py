@@ -134,7 +134,8 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
     chi2, free = float(np.sum(residual**2 / variance)), len(s) - 3
     covariance = np.linalg.inv(design.T @ (design / variance[:, None]))
     error = np.hypot(np.sqrt(covariance[2, 2] * max(1.0, chi2 / free)), _SHARE * guess.kappa)
-    sign = -1.0 if _towards_end(points, camera) else 1.0  # y is down: headings turn right
+    first_px, last_px = np.linalg.norm(points[[0, -1]] - camera.towards_px, axis=1)
+    sign = -1.0 if last_px < first_px else 1.0  # y is down: headings turn right
     return Arc(
         curvature_per_m=sign * guess.kappa / camera.scale_m,
         standard_error_per_m=float(error) / camera.scale_m,
@@ -144,12 +145,6 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
         line_px=points + residual[:, None] * normals,
         arc_px=guess.at(np.linspace(s[0], s[-1], _DRAWN))[0],
     )
-
-
-def _towards_end(points: Array, camera: Camera) -> bool:
-    """True if the last point, not the first, is the end that the segment is followed to."""
-    first, last = np.linalg.norm(points[[0, -1]] - camera.towards_px, axis=1)
-    return bool(last < first)
 
 
 def _noise(grey: Array, region: Mask) -> float:

@@ -52,23 +52,20 @@ class PublishedCurvature:
     smooth_px: Array
 
 
-def published_curvature(
-    photograph: Photograph, region: Mask, camera: Camera, seed: int = _SEED
-) -> PublishedCurvature:
+def published_curvature(photograph: Photograph, region: Mask, camera: Camera) -> PublishedCurvature:
     """Estimate the curvature of a segment by the published steps.
 
     Args:
         photograph: The photograph.
         region: The segment's pixels.
         camera: Scale, length and threshold.
-        seed: Of the generator that breaks ties in the thinning.
 
     Raises:
         InputError: If scikit-image is not installed.
     """
     factor = max(1, round(_FINE / camera.length_px))
     fine, (top, left) = upsampled(photograph, region, factor)
-    thin = _thinned(fine > camera.threshold, seed)
+    thin = _thinned(fine > camera.threshold)
     around = _outline(thin)
     rows, columns = around[len(around) // 2 :].T
     metre = camera.scale_m / factor
@@ -86,7 +83,7 @@ def published_curvature(
     )
 
 
-def _thinned(bright: Mask, seed: int) -> Mask:
+def _thinned(bright: Mask) -> Mask:
     """Cleaned of specks and notches, then the medial axis.
 
     The published bilateral filter (9, 75, 75) of black and white in 8 bits leaves what is white. It
@@ -100,7 +97,7 @@ def _thinned(bright: Mask, seed: int) -> Mask:
     bright = ndimage.binary_erosion(bright, _BRUSH, border_value=1)
     bright = ndimage.binary_dilation(bright, _BRUSH)
     bright = ndimage.uniform_filter(bright.astype(float), _MEDIAN) > 0.5  # median of 0 and 1
-    return medial_axis(bright, rng=seed)  # type: ignore[no-untyped-call]
+    return medial_axis(bright, rng=_SEED)  # type: ignore[no-untyped-call]
 
 
 def _outline(thin: Mask) -> Array:

@@ -38,12 +38,12 @@ import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import MODES, RIGID, Mode
 
-FloatArray: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = list[float]  # five entries, as q or v
 
 SEGMENT_M = 0.04  # length of one segment
@@ -70,7 +70,7 @@ class HeldFrame(NamedTuple):
 HeldFrames: TypeAlias = tuple[HeldFrame, HeldFrame]  # of segments 1 and 2
 
 
-def published_jacobian(q: ArrayLike, q_start: ArrayLike, mode: Mode) -> FloatArray:
+def published_jacobian(q: ArrayLike, q_start: ArrayLike, mode: Mode) -> Array:
     """Return the unified Jacobian J(q_0, q, sigma) of the paper.
 
     Args:

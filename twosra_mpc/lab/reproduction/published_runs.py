@@ -13,6 +13,10 @@ distance cannot grow until the gain t (1 - e^-t) DT passes 2, near t DT = 2. A p
 stopped by then diverges: about one generic problem in some thousand, by chance of round-off, and
 every one whose target is zero in all coordinates, because floats near zero have no last bit to
 stop on.
+
+The five published simulations: their tasks are those of the built-in scenarios, trial n of the
+hardware has the task ``paper-n``; what else they were run with is by the authors' simulated
+trajectories (2sr-agent-simulation).
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ import enum
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from itertools import groupby
 from typing import NamedTuple, TypeAlias
 
@@ -39,10 +44,11 @@ from twosra_mpc.lab.reproduction.published_model import (
     held_frames,
     inverse_kinematics,
 )
+from twosra_mpc.problem.problem import load_problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
 from twosra_mpc.validation import ArrayValue, Count, Positive
 
-FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 
 _CURVATURE_LIMIT = 10.0 * CURVATURE_RANGE  # 1/m, beyond it the run is given up as diverged
@@ -84,11 +90,11 @@ class PublishedTrajectory(ArrayValue):
         every_mode: modes of all iterations, recorded or not, without repetitions.
     """
 
-    q: FloatArray
+    q: Array
     mode: IntArray
-    velocity: FloatArray
+    velocity: Array
     iteration: IntArray
-    final_q: FloatArray
+    final_q: Array
     stop: StopReason
     iterations: int
     every_mode: ModeSequence
@@ -211,18 +217,15 @@ def _next_step(previous: _Step, time_s: float, iteration: int, problem: _Problem
     """
     if iteration > 0:  # the first choice is free
         kept = _candidate(previous.q, previous.mode, time_s, problem)
-        if _is_kept(kept.moved, iteration, problem):
+        # The paper has 0, the simulations 1e-17. Coordinates above 0.125 cannot move by less than
+        # 2.8e-17, so this asks whether the last bit of any of them still changes.
+        stays = kept.moved > _STAGNATION
+        if iteration <= problem.last_forced:
+            stays = iteration not in problem.forced
+        if stays:
             return kept
     candidates = (_candidate(previous.q, mode, time_s, problem) for mode in MODES)
     return min(candidates, key=lambda step: distance(step.q, problem.goal))
-
-
-def _is_kept(moved: float, iteration: int, problem: _Problem) -> bool:
-    if iteration <= problem.last_forced:
-        return iteration not in problem.forced
-    # The paper has 0, the simulations 1e-17. Coordinates above 0.125 cannot move by less than
-    # 2.8e-17, so this asks whether the last bit of any of them still changes.
-    return moved > _STAGNATION
 
 
 def _candidate(q: Vector, mode: Mode, time_s: float, problem: _Problem) -> _Step:
@@ -232,3 +235,53 @@ def _candidate(q: Vector, mode: Mode, time_s: float, problem: _Problem) -> _Step
     ramp = 1.0 - math.exp(-time_s)
     reached = combination(1.0, q, problem.step_s, [ramp * change for change in rate])
     return _Step(reached, mode, velocity, moved=distance(reached, q))
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A published simulation.
+
+    Attributes:
+        number: Its number in the authors' data.
+        task: Scenario with its start and goal.
+        step_s: Time step.
+        switches: Iterations at which the mode changed. The published rule looks at the last bit of
+            the configuration, on which C libraries differ; so they are given.
+    """
+
+    number: int
+    task: str
+    step_s: float
+    switches: tuple[int, ...]
+
+    @cached_property
+    def start(self) -> Array:
+        """First configuration [m, m, rad, 1/m, 1/m], (5,)."""
+        return load_problem(self.task).start.configuration
+
+    @cached_property
+    def goal(self) -> Array:
+        """Target [m, m, rad, 1/m, 1/m], (5,)."""
+        return load_problem(self.task).goal.configuration
+
+    @cache  # noqa: B019 (five values in all)
+    def run(self) -> PublishedTrajectory:
+        """The published trajectory, to rounding error."""
+        return published_trajectory(
+            self.start, self.goal, step_s=self.step_s, switch_iterations=self.switches
+        )
+
+    @cache  # noqa: B019 (the same)
+    def run_freely(self) -> PublishedTrajectory:
+        """The published loop on the same task, switching where the last bit tells it to here."""
+        return published_trajectory(self.start, self.goal, step_s=self.step_s)
+
+
+# Trial of the hardware -> its simulation; trial n has the task paper-n.
+SIMULATIONS = {
+    1: Simulation(4, "paper-1", 0.05, (162, 216, 254)),
+    2: Simulation(2, "paper-2", 0.05, (162,)),
+    3: Simulation(3, "paper-3", 0.05, (166, 216, 253)),
+    4: Simulation(1, "paper-4", 0.05, (163,)),
+    5: Simulation(5, "paper-5", 0.1, (74, 93)),
+}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -69,13 +69,16 @@ def random_runs(problems: int, kind: Kind) -> list[RandomRun]:
 
     Args:
         problems: How many.
-        kind: "single-mode" as the authors draw, "generic" with a target drawn like the start.
+        kind: "single-mode" as the authors draw, "generic" with a target drawn like the start: x, y
+            within 0.25 m, any phi, curvatures within 78 1/m.
     """
     found = []
     for seed in range(problems):
-        driven, mode = (
-            draw_single_mode(seed) if kind == "single-mode" else (draw_generic(seed), None)
-        )
+        mode: Mode | None = None
+        if kind == "single-mode":
+            driven, mode = draw_single_mode(seed)
+        else:
+            driven = np.random.default_rng(seed).uniform(-GENERIC, GENERIC, (2, len(GENERIC)))
         run = published_trajectory(driven[0], driven[-1])
         error = _error_curve(run.q, driven[-1])
         straight = np.zeros(TIMES) if mode is None else _error_curve(driven, driven[-1])
@@ -91,15 +94,8 @@ def _error_curve(q: Array, goal: Array) -> Array:
     return curve.round(6)
 
 
-class SingleMode(NamedTuple):
-    """A problem whose target was made in one mode: the way to it, (rows, 5), and the mode."""
-
-    driven: Array
-    mode: Mode
-
-
-def draw_single_mode(seed: int) -> SingleMode:
-    """Draw a start at the origin, a mode and an input, and drive.
+def draw_single_mode(seed: int) -> tuple[Array, Mode]:
+    """Draw a start at the origin, a mode and an input; the way driven, (rows, 5), and the mode.
 
     phi is drawn from -0.6 to 0.06 rad (as in the script), curvatures within 60 1/m, speeds of units
     within 8 mm/s, of the rigid robot within 30 mm/s and 0.1 rad/s.
@@ -109,12 +105,7 @@ def draw_single_mode(seed: int) -> SingleMode:
     start = np.array([0.0, 0.0, phi, *(draw.uniform(-60.0, 60.0) for _ in range(2))])
     mode = (draw.randint(0, 1), draw.randint(0, 1))
     v = np.array([draw.uniform(-most, most) for most in (0.008, 0.008, 0.03, 0.03, 0.1)])
-    return SingleMode(forward_kinematics(start, mode, v), mode)
-
-
-def draw_generic(seed: int) -> Array:
-    """Draw start and target, (2, 5): x, y within 0.25 m, any phi, curvatures within 78 1/m."""
-    return np.random.default_rng(seed).uniform(-GENERIC, GENERIC, (2, len(GENERIC)))
+    return forward_kinematics(start, mode, v), mode
 
 
 def forward_kinematics(start: Array, mode: Mode, v: Array) -> Array:

@@ -68,7 +68,7 @@ class Playing:
         """Set-points of the plan now, (n,)."""
         course = self.course
         if self._reports:
-            return course.schedule.setpoints(course.progress)
+            return course.setpoint_C
         return course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
 
     def ready(self, mode: Mode, planned_s: float) -> bool:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -119,6 +119,7 @@ class SerialRobot:
         interrupts: Whether to interrupt it.
         poses: What sees it.
         patience: How long to wait for what.
+        reports: True if its temperatures are known.
     """
 
     problem: Problem
@@ -128,6 +129,7 @@ class SerialRobot:
     interrupts: Interrupts
     poses: PoseSource | None
     patience: Patience
+    reports: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         start = self.clock.now_s(), self.problem.temperatures
@@ -135,10 +137,9 @@ class SerialRobot:
             ModelledSegment(self.robot, self.problem.ambient, j, start[1][j], start[0])
             if self.robot.describes_heat
             else ColdSegment(j)
-            for j in range(self._count)
+            for j in range(self.robot.coordinates.segments)
         ]
-        self._reports = False
-        self._asked: Mode = rigid_mode(self._count)
+        self._asked: Mode = rigid_mode(self.robot.coordinates.segments)
         self._sent, self._sent_s = b"", -math.inf
         self._turns, self._due_s = False, 0.0
 
@@ -147,11 +148,6 @@ class SerialRobot:
         """The robot as described."""
         return self.problem.robot
 
-    @property
-    def reports(self) -> bool:
-        """True if its temperatures are known."""
-        return self._reports
-
     def listen(self) -> None:
         """Wait at rest for reports of all segments; afterwards it is known whether there are any.
 
@@ -159,10 +155,10 @@ class SerialRobot:
             RobotError: If only some segments report, or what nobody can read, or the line does not
                 work any more.
         """
-        heard: list[list[float]] = [[] for _ in range(self._count)]
-        unreadable = [0] * self._count
+        heard: list[list[float]] = [[] for _ in range(self.robot.coordinates.segments)]
+        unreadable = [0] * self.robot.coordinates.segments
         until_s = self.clock.now_s() + self.patience.listen_s
-        off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
+        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
         while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < MEDIAN_OF:
             self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
@@ -175,7 +171,7 @@ class SerialRobot:
         if any(heard) and not all(heard):
             raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
         if all(heard):
-            self._reports, now_s, air_C = True, self.clock.now_s(), self.problem.ambient
+            self.reports, now_s, air_C = True, self.clock.now_s(), self.problem.ambient
             self._segments = [
                 ReportedSegment(self.robot, air_C, j, first_C, now_s)
                 for j, first_C in enumerate(heard)
@@ -192,11 +188,12 @@ class SerialRobot:
             RobotError: If nothing sees it, or the line does not work any more.
         """
         until_s, frames = self.clock.now_s() + self.patience.listen_s, self.read().frames
+        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
         while not seen():
             if self.clock.now_s() >= until_s:
                 known = f"no pose within {self.patience.listen_s:zg} s"
                 raise RobotError(f"{known}: {describe()}")
-            self.send(_STILL, np.full(self._count, self.robot.heater.rigid_setpoint_C))
+            self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
             frames = self.read().frames
         return frames
@@ -267,7 +264,7 @@ class SerialRobot:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""
         failure: PortError | None = None
         sent = 0
-        stop = stop_command(self._count, self.robot.robot_id)
+        stop = stop_command(self.robot.coordinates.segments, self.robot.robot_id)
         for _ in range(STOPS):
             try:
                 self.port.write(stop)
@@ -279,14 +276,10 @@ class SerialRobot:
             self.clock.sleep(STOP_PAUSE_S)
         return None if sent else failure
 
-    @property
-    def _count(self) -> int:
-        return self.robot.coordinates.segments
-
     def _heard(self) -> list[list[float]]:
         """Readings of each segment that have been reported since the last time."""
-        heard: list[list[float]] = [[] for _ in range(self._count)]
+        heard: list[list[float]] = [[] for _ in range(self.robot.coordinates.segments)]
         for line in self.port.read_lines():
-            if (report := parse_report(line, self._count)) is not None:
+            if (report := parse_report(line, self.robot.coordinates.segments)) is not None:
                 heard[report.segment].append(report.temperature_C)
         return heard

@@ -164,7 +164,7 @@ class ReportedSegment:
         if readings_C and (duration_s := time_s - self._last_s) > 0:
             setpoint: Stiffness = "soft" if asked else "rigid"
             measured_C = statistics.median(self._recent_C)
-            self._state, _ = self._controller.step(self._state, setpoint, measured_C, duration_s)
+            self._state = self._controller.step(self._state, setpoint, measured_C, duration_s)
             self._last_s = time_s
 
     def trouble(self, time_s: float, silent_s: float) -> str | None:

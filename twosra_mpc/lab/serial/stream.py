@@ -1,14 +1,18 @@
 """A plan sent to a robot over a serial line; at the end the robot is off, however it ends.
 
 With poses of a camera the plan is tracked, corrected and planned again; without, it is played: by
-temperature reports, or by the clock and the model's heat if the robot reports nothing.
+temperature reports, or by the clock and the model's heat if the robot reports nothing. The run's
+file is written so that an ending of any kind leaves one.
 """
 
 from __future__ import annotations
 
 import math
+import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,17 +23,18 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.executor import plan_controller, run_controller
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.run import Executed, Run, RunRecord
+from twosra_mpc.execution.run import Ending, Executed, Run, RunRecord, Verdict
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
+from twosra_mpc.files import write_json
 from twosra_mpc.interrupts import deferred_interrupts
 from twosra_mpc.lab.serial.playing import Playing
 from twosra_mpc.lab.serial.port import Clock, Port, SteppedClock
 from twosra_mpc.lab.serial.pose_lines import PoseLines
 from twosra_mpc.lab.serial.robot import RATE_HZ, SerialRobot, connected
-from twosra_mpc.lab.serial.run_file import RunFile
-from twosra_mpc.lab.serial.think_aside import ThinkAside
 from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.result import Result
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 
 
@@ -118,7 +123,8 @@ def stream(
         raise InputError("confirm", str(confirm), allowed)
     chosen = rate_Hz, confirm, poses, patience or Patience()
     executed: Executed = "stream" if poses is None else "optimal"
-    return _Stream(plan, clock, on_state, log, executed).run(port, *chosen)
+    file = None if log is None else RunFile(log, plan, executed)
+    return _Stream(plan, clock, on_state, file).run(port, *chosen)
 
 
 @public
@@ -177,20 +183,15 @@ class Recorder:
         return []
 
 
+@dataclass(eq=False)
 class _Stream:
     """One stream on its way."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        clock: Clock,
-        on_state: Callable[[StreamState], None],
-        log: Path | None,
-        executed: Executed = "stream",
-    ) -> None:
-        self.plan, self.clock, self.on_state = plan, clock, on_state
-        self.during = "before the plan began"
-        self.file = None if log is None else RunFile(log, plan, executed)
+    plan: Plan
+    clock: Clock
+    on_state: Callable[[StreamState], None]
+    file: RunFile | None
+    during: str = "before the plan began"
 
     def run(
         self,
@@ -264,3 +265,88 @@ class _Stream:
         if self.file is not None:
             self.file.note(record)
         self.on_state(StreamState(self.clock.now_s(), self.during, known))
+
+
+_JOIN_S = 0.01
+
+
+@public
+class ThinkAside:
+    """Plans in a thread of its own, so that a robot is told again and again to stand meanwhile.
+
+    An interrupt, or trouble with the robot, leaves the computation behind.
+    """
+
+    def __init__(self, plan: Callable[[Problem], Result]) -> None:
+        """Nothing is being planned.
+
+        Args:
+            plan: Plans a problem.
+        """
+        self._plan = plan
+        self._thread: threading.Thread | None = None
+        self._made: list[Result] = []
+        self._failures: list[BaseException] = []
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self._plan,))  # whoever goes on asks again
+
+    def __call__(self, problem: Problem) -> Result | None:
+        """The result for a problem, or None while it is being planned: ask again."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._compute, args=(problem,), daemon=True)
+            self._thread.start()
+        self._thread.join(_JOIN_S)
+        if self._thread.is_alive():
+            return None
+        self._thread = None
+        if self._failures:
+            raise self._failures.pop()
+        return self._made.pop()
+
+    def _compute(self, problem: Problem) -> None:
+        try:
+            self._made.append(self._plan(problem))
+        except BaseException as error:
+            self._failures.append(error)
+
+
+SAVED_EVERY_S = 10.0  # of a run under way, whenever it stands: a power cut costs no more
+_SHARE = 0.02  # of the time, at most, is spent on that
+
+
+class RunFile:
+    """The file of a run under way: whole at any time, and never older than a few seconds.
+
+    It is replaced when the robot stands and the last one is `SAVED_EVERY_S` old, and at the end.
+    """
+
+    def __init__(self, path: Path, plan: Plan, executed: Executed) -> None:
+        """Nothing is written yet.
+
+        Args:
+            path: The file.
+            plan: What is carried out.
+            executed: By what.
+        """
+        self.path, self._plan, self._executed = path, plan, executed
+        self._record: RunRecord | None = None
+        self._due_s = time.monotonic() + SAVED_EVERY_S
+
+    def note(self, record: RunRecord) -> None:
+        """Look at a run after each of its commands."""
+        self._record = record
+        if record.controller.belief.stands and (begun_s := time.monotonic()) >= self._due_s:
+            self.end("the run was still under way")
+            took_s = time.monotonic() - begun_s
+            self._due_s = begun_s + max(SAVED_EVERY_S, took_s / _SHARE)
+
+    def end(self, reason: str) -> None:
+        """Write down a run that ended so, if it has begun."""
+        if self._record is not None:
+            verdict = Verdict(self._executed, Ending.LOGGED, reason, (self._plan,))
+            self.save(self._record.run(verdict))
+
+    def save(self, run: Run) -> None:
+        """Write a run that has come to its own end."""
+        write_json(self.path, run.to_dict())
