@@ -133,6 +133,27 @@ def test_a_map_may_be_negated_listed_in_lines_and_transparent(tmp_path: Path) ->
     )
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_maps_of_every_mode_say_what_ros_says(seed: int, tmp_path: Path) -> None:
+    """By the values of an OccupancyGrid: 100 is occupied, 0 free, and all else not known.
+
+    Thresholds cut the percentages of raw, which ROS leaves to whoever subscribes.
+    """
+    pixels = np.random.default_rng(seed).integers(0, 256, (16, 16))
+    darkness = 1.0 - pixels / 255
+    grid = {
+        "trinary": np.where(darkness > 0.65, 100, np.where(darkness < 0.196, 0, -1)),
+        "scale": np.clip(100 * (darkness - 0.196) / (0.65 - 0.196), 0, 100),
+        "raw": np.where(
+            pixels > 100, -1, np.where(pixels > 65, 100, np.where(pixels < 19.6, 0, 50))
+        ),
+    }
+    for mode, values in grid.items():
+        found = read_map(write_map(tmp_path, pixels, f"{MAP}mode: {mode}\n"), unknown_is_free=True)
+        np.testing.assert_array_equal(found.occupied[::-1], values == 100)
+        np.testing.assert_array_equal(found.unknown[::-1], (values != 0) & (values != 100))
+
+
 WRONG = [
     ("resolution: 0.01", "resolution: 0", "resolution = 0", "greater than 0"),
     ("resolution: 0.01", "resolution: fine", "resolution = 'fine'", "a number"),
@@ -142,7 +163,8 @@ WRONG = [
     ("map.png", "map.yaml", "image = ", "an image file"),
     ("negate: 0", "negate: 2", "negate = 2", "0 or 1"),
     ("0.65", "0.1", "occupied_thresh = 0.1", "from free_thresh = 0.196 to 1"),
-    ("negate: 0", "mode: raw", "mode = 'raw'", "'trinary'"),
+    ("negate: 0", "mode: rawer", "mode = 'rawer'", "'trinary', 'scale' or 'raw'"),
+    ("negate: 0", "negate: 1\nmode: raw", "negate = 1", "0 where mode is raw"),
     ("negate", "negative", "negative", "did you mean negate?"),
     ("negate: 0", "origin: [0, 0, 0]", "keys = 'origin twice'", "each key once"),
     ("negate: 0", "a: {b: c", "line 6", "valid YAML"),

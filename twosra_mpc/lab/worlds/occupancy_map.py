@@ -27,7 +27,11 @@ from twosra_mpc.validation import ArrayValue, Metres, NonNegative, Number, Posit
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
-_OPAQUE, _DIGITS = 255, 5  # of a pixel; thresholds that are a level but for rounding are it
+_OPAQUE, _PERCENT, _DIGITS = (
+    255,
+    100,
+    5,
+)  # of a pixel; thresholds that are a level but for rounding are it
 _TURN_RAD, _ROUGH_M = math.tau, 0.5  # no map of a robot that is turned more, or has larger cells
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
@@ -43,7 +47,7 @@ class _MapFile(Value):
     negate: Literal[0, 1] = 0
     occupied_thresh: NonNegative = 0.65
     free_thresh: NonNegative = 0.25
-    mode: Literal["trinary"] = "trinary"
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,8 +86,7 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
             unknown.
 
     Raises:
-        InputError: If file or image cannot be read, or say something that is not understood; modes
-            other than trinary are not.
+        InputError: If file or image cannot be read, or say something that is not understood.
     """
     with reading(str(path), "map"):
         return _map(Path(path), unknown_is_free)
@@ -110,8 +113,7 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     channels, of_image = _pixels(folder / said.image, source)
     doubts += of_image
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
-    lightness = np.arange(3 * _OPAQUE + 1)  # three times the mean of the colours, as ROS has it
-    darkness = lightness if said.negate else lightness[::-1]
+    darkness = _darkness(said.mode, source, negate=bool(said.negate))
     thresholds = np.array([said.occupied_thresh, said.free_thresh])
     most, least = np.round(3 * _OPAQUE * thresholds, _DIGITS).tolist()
     occupied, free = (darkness > most)[sums], (darkness < least)[sums]
@@ -124,6 +126,20 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
     return OccupancyMap(taken[::-1], unknown[::-1], said.resolution, said.origin)
+
+
+def _darkness(mode: str, source: str, negate: bool) -> Array:
+    """Share of being occupied, times 3 * 255, of each sum of three colours, as ROS has it.
+
+    What ``scale`` has between free and occupied is not known to be either. A level of ``raw`` is
+    the share in per cent, and one of more than 100 says nothing.
+    """
+    lightness = np.arange(3.0 * _OPAQUE + 1.0)
+    if mode != "raw":
+        return lightness if negate else lightness[::-1]
+    if negate:  # ROS 1 negates it, and ROS 2 does not
+        raise InputError("negate", 1, "0 where mode is raw: its levels are per cent", source)
+    return np.where(lightness <= 3 * _PERCENT, lightness * (_OPAQUE / _PERCENT), math.nan)
 
 
 def obstacles_on(
