@@ -27,6 +27,7 @@ from twosra_mpc import (
     Tolerance,
     Workspace,
     check_plan,
+    explain,
     json_schema,
     kinematics,
     load_plan,
@@ -256,7 +257,8 @@ def test_whatever_holds_arrays_is_a_value() -> None:
         if dataclasses.is_dataclass(each) or issubclass(each, tuple):
             assert issubclass(each, ArrayValue) or "Array" not in written, each
     robot = load_robot("2sra-v1")
-    for value in (robot_shape(robot, [0.1] * 5), kinematics(robot), solved("rigid-move").require()):
+    plain = robot_shape(robot, [0.1] * 5), kinematics(robot), solved("rigid-move").require()
+    for value in (*plain, explain(load_problem("rigid-move")), explain(load_problem("paper-2"))):
         again = pickle.loads(pickle.dumps(value))
         assert (again, hash(again)) == (value, hash(value))
         assert len(repr(value)) < 500
@@ -282,5 +284,6 @@ def test_values_compare_and_print_as_values(tmp_path: Path) -> None:
     assert hash(again) == hash(result)
     assert again.require().samples != solved("paper-2").require().samples
     simulation = simulate(result.problem, disturbance="none", plan=result.require())
-    for value in (result, result.plan, again.require().samples, simulation, simulation.run):
-        assert len(repr(value)) < 500
+    values = (result, result.plan, again.require().samples, simulation, simulation.run)
+    for value in (*values, result.problem, result.problem.robot, load_problem("pick-and-place")):
+        assert max(len(repr(value)), len(str(value))) < 500

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from typing import (
     TYPE_CHECKING,
@@ -169,6 +169,13 @@ class Value(BaseModel):
         """Fields and their values, and nothing that was worked out of them."""
         return ((name, getattr(self, name)) for name in type(self).model_fields)
 
+    def __repr__(self) -> str:
+        """Fields that are not what they are by default, in words that fit into a line."""
+        known = type(self).model_fields
+        return _in_words(self, ((key, a) for key, a in self if a != known[key].default))
+
+    __str__ = __repr__
+
     @public
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
@@ -221,8 +228,7 @@ class ArrayValue:
 
     def __repr__(self) -> str:
         names = (item.name for item in fields(cast(Any, self)))
-        shown = (f"{name}={_brief(a)}" for name, a in zip(names, _held(self), strict=True))
-        return f"{type(self).__name__}({', '.join(shown)})"
+        return _in_words(self, zip(names, _held(self), strict=True))
 
 
 def _held(value: Any) -> Iterator[Any]:
@@ -236,6 +242,11 @@ def _equal(a: Any, b: Any) -> bool:
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(map(_equal, a, b))
     return bool(a == b)
+
+
+def _in_words(value: Any, named: Iterable[tuple[str, Any]]) -> str:
+    """A value as the call that would make it, long arguments by their kind."""
+    return f"{type(value).__name__}({', '.join(f'{name}={_brief(a)}' for name, a in named)})"
 
 
 def _brief(value: Any) -> str:
