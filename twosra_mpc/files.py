@@ -36,8 +36,7 @@ _STREAMS = {  # names of what Python's own streams lead to
 
 def built_in_names(folder: str) -> list[str]:
     """Names of the TOML files in a data folder of the package."""
-    names = [entry.name for entry in (_PACKAGE / folder).iterdir()]
-    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+    return sorted(path.stem for path in (_PACKAGE / folder).glob("*.toml"))
 
 
 def data_file(path: str) -> str:
@@ -85,10 +84,9 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
 def _beside(path: Path) -> list[str]:
     """Scenarios and robots in a folder, as a path into it would name them."""
     try:
-        found = [*path.parent.glob("*.toml"), *path.parent.glob("*.json")]
+        return [str(each) for end in ("toml", "json") for each in path.parent.glob(f"*.{end}")]
     except (OSError, ValueError):
         return []
-    return [str(each) for each in found]
 
 
 @contextmanager

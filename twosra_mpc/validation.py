@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import (
     TYPE_CHECKING,
@@ -16,7 +16,6 @@ from typing import (
     Self,
     TypeAlias,
     TypeVar,
-    cast,
     get_args,
 )
 
@@ -169,12 +168,10 @@ class Value(BaseModel):
         """Fields and their values, and nothing that was worked out of them."""
         return ((name, getattr(self, name)) for name in type(self).model_fields)
 
-    def __repr__(self) -> str:
+    def __repr_str__(self, join_str: str) -> str:
         """Fields that are not what they are by default, in words that fit into a line."""
         known = type(self).model_fields
-        return _in_words(self, ((key, a) for key, a in self if a != known[key].default))
-
-    __str__ = __repr__
+        return join_str.join(f"{key}={_brief(a)}" for key, a in self if a != known[key].default)
 
     @public
     def with_values(self, **changes: Any) -> Self:
@@ -221,19 +218,20 @@ class ArrayValue:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        return all(_equal(a, b) for a, b in zip(_held(self), _held(other), strict=True))
+        return all(map(_equal, _held(self).values(), _held(other).values()))
 
     def __hash__(self) -> int:
-        return hash((type(self), *(a for a in _held(self) if isinstance(a, int | float | str))))
+        held = _held(self).values()
+        return hash((type(self), *(a for a in held if isinstance(a, int | float | str))))
 
     def __repr__(self) -> str:
-        names = (item.name for item in fields(cast(Any, self)))
-        return _in_words(self, zip(names, _held(self), strict=True))
+        shown = (f"{name}={_brief(a)}" for name, a in _held(self).items())
+        return f"{type(self).__name__}({', '.join(shown)})"
 
 
-def _held(value: Any) -> Iterator[Any]:
-    """Values of the fields of a dataclass."""
-    return (getattr(value, item.name) for item in fields(value))
+def _held(value: Any) -> dict[str, Any]:
+    """Fields of a dataclass and their values."""
+    return {item.name: getattr(value, item.name) for item in fields(value)}
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -244,16 +242,9 @@ def _equal(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-def _in_words(value: Any, named: Iterable[tuple[str, Any]]) -> str:
-    """A value as the call that would make it, long arguments by their kind."""
-    return f"{type(value).__name__}({', '.join(f'{name}={_brief(a)}' for name, a in named)})"
-
-
 def _brief(value: Any) -> str:
     """A value in words that fit into a line."""
-    if isinstance(value, np.ndarray):
-        return f"<array {value.shape}>"
-    shown = repr(value)
+    shown = f"<array {value.shape}>" if isinstance(value, np.ndarray) else repr(value)
     return shown if len(shown) <= _BRIEF else f"<{type(value).__name__}>"
 
 

@@ -105,6 +105,8 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if not said.free_thresh <= said.occupied_thresh <= 1:
         allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, source)
+    if said.negate and said.mode == "raw":  # ROS 1 negates it, and ROS 2 does not
+        raise InputError("negate", 1, "0 where mode is raw: its levels are per cent", source)
     if said.resolution > _ROUGH_M:
         doubts.append(f"each cell is {said.resolution:zg} m wide (are these centimetres?)")
     if abs(yaw := said.origin[2]) > _TURN_RAD:
@@ -113,7 +115,10 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     channels, of_image = _pixels(folder / said.image, source)
     doubts += of_image
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
-    darkness = _darkness(said.mode, source, negate=bool(said.negate))
+    lightness = np.arange(3.0 * _OPAQUE + 1.0)  # three times the mean of the colours, as ROS has it
+    darkness = lightness if said.negate else lightness[::-1]
+    if said.mode == "raw":  # per cent, and levels above say nothing
+        darkness = np.where(lightness <= 3 * _PERCENT, lightness * (_OPAQUE / _PERCENT), math.nan)
     thresholds = np.array([said.occupied_thresh, said.free_thresh])
     most, least = np.round(3 * _OPAQUE * thresholds, _DIGITS).tolist()
     occupied, free = (darkness > most)[sums], (darkness < least)[sums]
@@ -126,20 +131,6 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
     return OccupancyMap(taken[::-1], unknown[::-1], said.resolution, said.origin)
-
-
-def _darkness(mode: str, source: str, negate: bool) -> Array:
-    """Share of being occupied, times 3 * 255, of each sum of three colours, as ROS has it.
-
-    What ``scale`` has between free and occupied is not known to be either. A level of ``raw`` is
-    the share in per cent, and one of more than 100 says nothing.
-    """
-    lightness = np.arange(3.0 * _OPAQUE + 1.0)
-    if mode != "raw":
-        return lightness if negate else lightness[::-1]
-    if negate:  # ROS 1 negates it, and ROS 2 does not
-        raise InputError("negate", 1, "0 where mode is raw: its levels are per cent", source)
-    return np.where(lightness <= 3 * _PERCENT, lightness * (_OPAQUE / _PERCENT), math.nan)
 
 
 def obstacles_on(
@@ -230,8 +221,7 @@ def _fills(polygon: Any, tolerance: float) -> list[Any]:
     for ring in (turned.exterior, *turned.interiors):
         corners = np.array(ring.coords)[:-1]
         first = int(np.lexsort(corners.T)[0])
-        corners = np.roll(corners, -first, axis=0)
-        corners = np.concatenate([corners, corners[:1]])
+        corners = np.concatenate([corners[first:], corners[: first + 1]])
         i = 0
         while i < len(corners) - 1:
             j = i + _farthest(corners[i : i + _MOST_CORNERS + 1], tolerance)
@@ -245,14 +235,12 @@ def _farthest(chain: Array, tolerance: float) -> int:
     """Last corner to which a line from the first has all between on its left, within tolerance."""
     to = chain[1:] - chain[0]
     length2 = (to**2).sum(axis=1)
-    x, y = to.T
-    left = np.outer(x, y) - np.outer(y, x)  # of line j: corner k, times the line's length
+    left = np.outer(*to.T) - np.outer(*to.T[::-1])  # of line j: corner k, times the line's length
     along = np.clip((to @ to.T) / np.maximum(length2, 1e-300)[:, None], 0.0, 1.0)
     away2 = ((to[None] - along[..., None] * to[:, None]) ** 2).sum(axis=2)
     fine = (left >= 0) & (away2 <= tolerance**2)
     fine |= np.triu(np.ones_like(fine))  # corners after its end do not matter
-    good = fine.all(axis=1) & (length2 > 0)
-    return int(np.flatnonzero(good)[-1]) + 1
+    return int(np.flatnonzero(fine.all(axis=1) & (length2 > 0))[-1]) + 1
 
 
 def _unpinched(polygon: Any) -> Any:
@@ -278,10 +266,9 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
             }
             pixels = np.asarray(image.convert("RGBA"))
             return pixels, [words for words, true in doubts.items() if true]
-    except InputError as error:
-        raise InputError("image", str(path), error.allowed, source) from None
     except Exception as error:  # a spoilt image fails in many ways
-        raise InputError("image", str(path), f"an image file ({error})", source) from None
+        allowed = getattr(error, "allowed", f"an image file ({error})")
+        raise InputError("image", str(path), allowed, source) from None
 
 
 def _document(text: str, source: str) -> dict[str, Any]:
@@ -295,8 +282,7 @@ def _document(text: str, source: str) -> dict[str, Any]:
         """The safe loader, refusing a key that is there twice."""
 
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-            own = (key for key, _ in node.value if key.tag != _MERGE)
-            keys = [self.construct_object(key, deep=True) for key in own]
+            keys = [self.construct_object(k, deep=True) for k, _ in node.value if k.tag != _MERGE]
             if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
                 raise InputError("keys", f"{twice[0]} twice", "each key once", source)
             return super().construct_mapping(node, deep)
@@ -326,6 +312,6 @@ def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:
     for obstacle in obstacles:
         corners = obstacle.corners_m.tolist()
         geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
-        properties = {"name": obstacle.name}
-        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+        named = {"name": obstacle.name}
+        features.append({"type": "Feature", "properties": named, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}
