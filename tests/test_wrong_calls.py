@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import io
 import pickle
 import re
 from collections.abc import Callable, Iterator
@@ -186,6 +187,17 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda _, __: Disturbance(delay_frames=(2, 1)), "2 values, .*the lower one first"),
     (lambda problem, _: plan(problem, on_progress=lambda: None), "a function of 1 argument"),  # type: ignore[arg-type,misc]
     (lambda _, __: twosra_mpc.Status("optimum"), "optimal, feasible, infeasible, failed"),
+    (lambda _, result: result.save("plan.toml"), r"ending in \.json"),
+    (lambda _, result: save_setpoints(result, "set.xlsx"), r"ending in \.csv"),  # type: ignore[arg-type]
+    (lambda _, __: load_problem(io.StringIO()), "a path such as /dev/stdout"),  # type: ignore[arg-type]
+    (lambda _, __: load_problem('robot = "2sra-v1"\n'), "this is text"),
+    (lambda _, __: obstacles_of(np.zeros((4, 2))), r"shapely\.Polygon\(corners\)"),
+    (lambda problem, _: obstacles_of(load_problem("doorway").obstacles[0]), "^geometries = Obst"),
+    (lambda problem, _: problem.with_values(obstacles=ROOM), r"obstacles_of\("),
+    (
+        lambda problem, _: kinematics(problem.robot).jacobian(problem.start, (1, 0)),
+        "start.configuration",
+    ),  # type: ignore[arg-type]
     (lambda _, __: json_schema("problem"), "scenario, robot, plan"),  # type: ignore[arg-type]
 ]
 

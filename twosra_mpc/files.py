@@ -77,6 +77,7 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
         if str(source) in built_in_names(other):
             hint = f"this is one of the {other}."
     hint = "this is a folder." if os.path.isdir(path) else hint
+    hint = "this is text: tomllib.loads(text) has its keys." if "\n" in str(source) else hint
     allowed = f"a file that exists, or one of {', '.join(names)}"
     raise InputError(field, str(source), allowed, hint=hint)
 
@@ -301,8 +302,7 @@ def ending_of(target: str | Path, *allowed: str) -> str:
     Raises:
         InputError: If it is none of those allowed.
     """
-    ending = Path(target).suffix.lower()
-    if ending in allowed:
+    if (ending := Path(target).suffix.lower()) in allowed:
         return ending
     if is_device(target) or stream_of(target):
         return allowed[0]
@@ -403,8 +403,9 @@ def write_json(target: str | Path, document: dict[str, Any]) -> None:
     """Write plain data as JSON, as a whole or not at all.
 
     Raises:
-        InputError: If it cannot be written.
+        InputError: If it ends in neither .json nor .geojson, or cannot be written.
     """
+    ending_of(target, ".json", ".geojson")
     write_text(target, json.dumps(document, allow_nan=False) + "\n")
 
 

@@ -323,7 +323,7 @@ def _described(field: str) -> str:
     return f" ({words})" if words != key.replace("_", " ") else ""
 
 
-_KNOWN = "known keys here are "
+_KNOWN, _POLYGONS = "known keys here are ", "obstacles_of(polygons) makes obstacles of it."
 
 
 def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
@@ -345,10 +345,11 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
             if isinstance(given, str) and given.startswith("["):
                 hint = f"did you mean {given}, without quotes?"
-            if isinstance(given, dict) and any(
-                given.keys() & k.model_fields for k in _KINDS.values()
-            ):
+            keys = given.keys() if isinstance(given, dict) else ()
+            if any(kind.model_fields.keys() & keys for kind in _KINDS.values()):
                 hint = f"did you mean [[{field}]], which may stand several times?"
+            if "type" in keys or hasattr(given, "__geo_interface__"):
+                hint = _POLYGONS
             if isinstance(given, BaseModel):
                 hint = f"did you mean a list of one, [{type(given).__name__}(...)]?"
             return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
@@ -369,13 +370,12 @@ def _belongs_above(cause: InputError, model: type[BaseModel]) -> str:
 
 def _no_table(field: str, given: Any, meant: str) -> InputError:
     """Name what stands where a table, or a record of this class, is meant."""
-    hint, allowed = "", f"a table of keys{_described(field)}"
+    allowed = f"a table of keys{_described(field)}"
+    hint = _POLYGONS if hasattr(given, "__geo_interface__") else ""
     if isinstance(plain(given), list | tuple):
         hint = "give every value its key, e.g. x_m = 0.1."
     elif isinstance(given, BaseModel):
         hint = f"this is a {type(given).__name__}, and a {meant} is meant."
-    elif hasattr(given, "__geo_interface__"):
-        hint = "obstacles_of(polygons) makes obstacles of it."
     words = describe(field)
     if field.rpartition(".")[2].isdigit():  # words are those of the list
         keys = _KINDS[meant].model_fields if meant in _KINDS else {}

@@ -68,9 +68,8 @@ class OccupancyMap(ArrayValue):
 
     def in_plane(self, cells: Array) -> Array:
         """Points [m] of points (..., 2) in cells, to the nanometre."""
-        *corner, yaw = self.origin
-        turned = self.cell_m * cells @ rotation(yaw)
-        return np.round(np.array(corner) + turned, 9)
+        turned = self.cell_m * cells @ rotation(self.origin[2])
+        return np.round(np.array(self.origin[:2]) + turned, 9)
 
 
 def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap:
@@ -183,9 +182,7 @@ def _without_specks(occupied: NDArray[np.bool_], least: float) -> tuple[NDArray[
 
 def _corners(occupied: NDArray[np.bool_]) -> int:
     """Corners of the outline of what is occupied."""
-    padded = np.pad(occupied, 1)
-    lower, upper = padded[:-1], padded[1:]
-    odd = (lower[:, :-1] ^ lower[:, 1:]) ^ (upper[:, :-1] ^ upper[:, 1:])
+    odd = np.diff(np.diff(np.pad(occupied, 1), axis=0), axis=1)  # of truths: whether they differ
     return int(odd.sum()) + 2 * int(_pinched(occupied).sum())
 
 
