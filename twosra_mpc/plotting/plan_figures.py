@@ -142,7 +142,7 @@ def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
     ax.dataLim.set_points(np.array([middle - half, middle + half]))
     ax.autoscale_view()
     path = plan.trajectory.configuration(np.linspace(stage.from_s, stage.to_s, 100))[:, :2]
-    bars = middle + _CORNERS * (half - np.array([0.025, 0.0]))  # of these the farthest from it
+    bars = middle + _CORNERS * (half - np.array([0.025, 0.015]))  # of these the farthest from it
     x, y = bars[np.linalg.norm(path - bars[:, None], axis=2).min(axis=1).argmax()].tolist()
     ax.plot([x - 0.025, x + 0.025], [y] * 2, c="0.2", lw=2.0, solid_capstyle="butt", zorder=9)
     words: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7}
