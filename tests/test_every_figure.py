@@ -17,18 +17,15 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from once import simulated, solved
 
-from twosra_mpc import Plan
+from twosra_mpc import Disc, Obstacle, Plan, load_problem, plan
 from twosra_mpc.lab.figures import plot_comparison, plot_error_decrease, plot_forward_kinematics
-from twosra_mpc.plotting import (
-    figures,
-    plot_plan,
-    plot_run,
-)
+from twosra_mpc.plotting import figures, plot_plan, plot_run
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 
 RIM_PT, TOUCHING = 0.09, 2.0  # by which a line is wider than that over it; room about letters
 
+FAR = Obstacle(name="a name " * 12, disc=Disc(x_m=0.4, y_m=0.4, radius_m=0.05))
 Made = Callable[[str], Plan]
 
 
@@ -54,6 +51,7 @@ FIGURES: dict[str, Callable[[Made], Iterator[Figure]]] = {
     "three segments": lambda made: one(plot_plan(made("three-segments"))),
     "mission": lambda made: one(plot_plan(made("pick-and-place"))),
     "among obstacles": lambda made: one(plot_plan(made("scattered"))),
+    "long name": lambda _: one(plot_plan(plan(load_problem("rigid-move", obstacles=[FAR])))),  # type: ignore[arg-type]
     "film": lambda made: films(made("paper-1")),
     "film of a mission": lambda made: films(made("pick-and-place")),
     "comparison": lambda made: one(plot_comparison({"both": [made("paper-1"), made("paper-2")]})),
@@ -68,6 +66,8 @@ def test_words_and_curves_of_every_figure_are_seen(name: str) -> None:
     for figure in FIGURES[name](lambda scenario: solved(scenario).require()):
         for (words, box), (others, place) in itertools.combinations(drawn_words(figure), 2):
             assert not box.overlaps(place), f"{words!r} lies on {others!r}"
+        for words, box in drawn_words(figure):
+            assert figure.bbox.count_contains(box.corners()) == 4, f"{words!r} is cut off"
         for ax in figure.axes:
             for under, over in itertools.combinations(curves(ax), 2):
                 assert are_told_apart(under, over), (ax.get_ylabel(), under, over)

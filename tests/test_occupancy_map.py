@@ -133,6 +133,18 @@ def test_a_map_may_be_negated_listed_in_lines_and_transparent(tmp_path: Path) ->
     )
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_maps_of_every_mode_say_what_ros_says(seed: int, tmp_path: Path) -> None:
+    """Unknown is what scale has between; thresholds cut raw, which ROS leaves to subscribers."""
+    pixels = np.random.default_rng(seed).integers(0, 256, (16, 16))
+    share, percent = 1.0 - pixels / 255, pixels / 100
+    known = (share > 0.65, share < 0.196), ((percent > 0.65) & (percent <= 1), percent < 0.196)
+    for mode, (occupied, free) in zip(("trinary", "scale", "raw"), known[:1] + known, strict=True):
+        found = read_map(write_map(tmp_path, pixels, f"{MAP}mode: {mode}\n"), unknown_is_free=True)
+        np.testing.assert_array_equal(found.occupied[::-1], occupied)
+        np.testing.assert_array_equal(found.unknown[::-1], ~(occupied | free))
+
+
 WRONG = [
     ("resolution: 0.01", "resolution: 0", "resolution = 0", "greater than 0"),
     ("resolution: 0.01", "resolution: fine", "resolution = 'fine'", "a number"),
@@ -140,9 +152,11 @@ WRONG = [
     (", 0.0]", "]", "origin", "required"),
     ("map.png", "none.png", "image = ", "a file that exists"),
     ("map.png", "map.yaml", "image = ", "an image file"),
+    ("map.png", "deep.png", "image = ", "8 bits a channel"),
     ("negate: 0", "negate: 2", "negate = 2", "0 or 1"),
     ("0.65", "0.1", "occupied_thresh = 0.1", "from free_thresh = 0.196 to 1"),
-    ("negate: 0", "mode: raw", "mode = 'raw'", "'trinary'"),
+    ("negate: 0", "mode: rawer", "mode = 'rawer'", "'trinary', 'scale' or 'raw'"),
+    ("negate: 0", "negate: 1\nmode: raw", "negate = 1", "0 where mode is raw"),
     ("negate", "negative", "negative", "did you mean negate?"),
     ("negate: 0", "origin: [0, 0, 0]", "keys = 'origin twice'", "each key once"),
     ("negate: 0", "a: {b: c", "line 6", "valid YAML"),
@@ -158,6 +172,7 @@ def test_what_is_no_map_is_refused(
     before: str, after: str, field: str, words: str, tmp_path: Path
 ) -> None:
     path = write_map(tmp_path, [[0, 255]], MAP.replace(before, after))
+    Image.fromarray(np.array([[0, 40000]], dtype=np.uint16)).save(tmp_path / "deep.png")
     with pytest.raises(InputError) as caught:
         read_map(path)
     assert f"map.yaml: {field}" in str(caught.value)
@@ -215,13 +230,6 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
     found = read_map(write_map(tmp_path, [[0]], merged))
     assert (found.cell_m, found.origin[:2]) == (0.01, (-1e-5, 10.0))
     assert not found.occupied.any()
-
-
-def test_images_of_more_than_8_bits_are_refused(tmp_path: Path) -> None:
-    path = write_map(tmp_path, [[0, 255]])
-    Image.fromarray(np.array([[0, 40000]], dtype=np.uint16)).save(tmp_path / "map.png")
-    with pytest.raises(InputError, match="8 bits a channel"):
-        read_map(path)
 
 
 def test_the_command_writes_what_scenarios_read(run_as_is: Run, tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.metadata
 import subprocess
 import sys
+import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +28,14 @@ def test_every_public_name_is_there(name: str) -> None:
 def test_another_name_is_not_there() -> None:
     with pytest.raises(AttributeError, match="no attribute 'solve'"):
         twosra_mpc.solve  # noqa: B018  # it is the access that is tested
+
+
+def test_in_a_zip_file_it_says_that_it_needs_a_folder(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "packed.zip", "w") as packed:
+        packed.write(twosra_mpc.__file__, "twosra_mpc/__init__.py")
+    code = f"import sys; sys.path.insert(0, {str(tmp_path / 'packed.zip')!r}); import twosra_mpc"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1].startswith("ImportError: twosra_mpc runs from a folder")
 
 
 def test_the_import_leaves_slow_libraries_alone_until_they_are_needed() -> None:

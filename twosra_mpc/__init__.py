@@ -21,9 +21,15 @@ def exported(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]
     """``__getattr__``, ``__dir__`` and ``__all__`` of a package whose stub has its public names.
 
     They are imported when they are first asked for: solvers and matplotlib take a second to load.
+
+    Raises:
+        ImportError: If the package is in an archive, where what stands beside its modules is none.
     """
     own = sys.modules[package]
-    stub = ast.parse(Path(own.__file__ or "").with_suffix(".pyi").read_text(encoding="utf-8"))
+    path = Path(own.__file__ or "").with_suffix(".pyi")
+    if not path.is_file():
+        raise ImportError(f"twosra_mpc runs from a folder, not from a zip file: {path} is no file")
+    stub = ast.parse(path.read_text(encoding="utf-8"))
     imports = [each for each in stub.body if isinstance(each, ast.ImportFrom)]
     modules = {name.name: str(each.module) for each in imports for name in each.names}
 

@@ -43,9 +43,9 @@ _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is giv
 
 
 def _numbers(value: Any) -> Any:
-    """A value as an array of numbers; NaN if it is none, as words that look like numbers."""
+    """A value as an array of numbers; NaN where it has none, as words that look like numbers."""
     try:
-        return np.asarray(value).astype(float, casting="same_kind")
+        return np.ma.filled(value, math.nan).astype(float, casting="same_kind")
     except (TypeError, ValueError):
         return np.asarray(math.nan)
 
@@ -148,9 +148,9 @@ def _checked(function: Any, name: str, module: str) -> Any:
             if not by_name and place >= len(args):
                 continue
             given = named[each] if by_name else args[place]
-            taken = kind.take(given)
+            taken = kind.take(given.item() if getattr(given, "shape", None) == () else given)
             if taken is _OTHER:
-                raise _wrong_kind(kind, each, given)
+                raise _wrong_kind(kind.words, each, given)
             if taken is given:
                 continue
             if by_name:
@@ -322,11 +322,12 @@ def _class_names(of: type) -> frozenset[str]:
     return frozenset(each.__name__ for each in of.__mro__)
 
 
-def _wrong_kind(kind: Kind, name: str, value: Any) -> InputError:
-    """Say what makes a value of this kind."""
-    classes = _class_names(value.__class__) if _PATH in kind.words else ()
-    hints = [words for each, words in _WORDS["written_by"].items() if each in classes]
-    return InputError(name, value, kind.words, hint=(*hints, "")[0])
+def _wrong_kind(words: str, name: str, value: Any) -> InputError:
+    """Say what makes a value of the kind of these words, of this one too where something does."""
+    tables = [table for kind, table in _WORDS["in_place_of"].items() if kind in words]
+    known = {each: hint for table in tables for each, hint in table.items()}
+    hints = [known[each] for each in known if each in _class_names(value.__class__)]
+    return InputError(name, value, words, hint=(*hints, "")[0])
 
 
 def _check_bound(
@@ -380,5 +381,5 @@ def check_size(name: str, given: Any, size: int, what: str = "", reached: bool =
         numbers = numbers[:, 0]
     shape = numbers.shape[-1:] if what == "points" else numbers.shape
     if shape != (size,) or not of_kind.all():
-        raise InputError(name, given, _WORDS["sized"][what].format(size))
+        raise _wrong_kind(_WORDS["sized"][what].format(size), name, given)
     return numbers

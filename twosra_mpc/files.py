@@ -36,8 +36,7 @@ _STREAMS = {  # names of what Python's own streams lead to
 
 def built_in_names(folder: str) -> list[str]:
     """Names of the TOML files in a data folder of the package."""
-    names = [entry.name for entry in (_PACKAGE / folder).iterdir()]
-    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+    return sorted(path.stem for path in (_PACKAGE / folder).glob("*.toml"))
 
 
 def data_file(path: str) -> str:
@@ -78,6 +77,7 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
         if str(source) in built_in_names(other):
             hint = f"this is one of the {other}."
     hint = "this is a folder." if os.path.isdir(path) else hint
+    hint = "this is text: tomllib.loads(text) has its keys." if "\n" in str(source) else hint
     allowed = f"a file that exists, or one of {', '.join(names)}"
     raise InputError(field, str(source), allowed, hint=hint)
 
@@ -85,10 +85,9 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
 def _beside(path: Path) -> list[str]:
     """Scenarios and robots in a folder, as a path into it would name them."""
     try:
-        found = [*path.parent.glob("*.toml"), *path.parent.glob("*.json")]
+        return [str(each) for end in ("toml", "json") for each in path.parent.glob(f"*.{end}")]
     except (OSError, ValueError):
         return []
-    return [str(each) for each in found]
 
 
 @contextmanager
@@ -303,8 +302,7 @@ def ending_of(target: str | Path, *allowed: str) -> str:
     Raises:
         InputError: If it is none of those allowed.
     """
-    ending = Path(target).suffix.lower()
-    if ending in allowed:
+    if (ending := Path(target).suffix.lower()) in allowed:
         return ending
     if is_device(target) or stream_of(target):
         return allowed[0]
@@ -405,8 +403,9 @@ def write_json(target: str | Path, document: dict[str, Any]) -> None:
     """Write plain data as JSON, as a whole or not at all.
 
     Raises:
-        InputError: If it cannot be written.
+        InputError: If it ends in neither .json nor .geojson, or cannot be written.
     """
+    ending_of(target, ".json", ".geojson")
     write_text(target, json.dumps(document, allow_nan=False) + "\n")
 
 

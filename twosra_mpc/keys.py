@@ -79,13 +79,12 @@ def near_key(key: str, value: object, known: list[str]) -> str:
     if not same:
         return near_word(key, known)
     ending = max((end for end in others if key.endswith(end)), key=len, default="")
-    listed = isinstance(value, list | tuple)
-    given = list(value) if isinstance(value, list | tuple) else [value]
+    given = value if isinstance(value, list | tuple) else [value]
     numbers = [each for each in given if isinstance(each, int | float)]
     if not (ending and numbers and same[0].endswith(others[ending][0])):
         return f"did you mean {same[0]}?"
     meant = ", ".join(_converted(float(number), ending) for number in numbers)
-    return f"did you mean {same[0]} = {f'[{meant}]' if listed else meant}?"
+    return f"did you mean {same[0]} = {meant if given == [value] else f'[{meant}]'}?"
 
 
 def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str:

@@ -16,7 +16,6 @@ from typing import (
     Self,
     TypeAlias,
     TypeVar,
-    cast,
     get_args,
 )
 
@@ -169,6 +168,11 @@ class Value(BaseModel):
         """Fields and their values, and nothing that was worked out of them."""
         return ((name, getattr(self, name)) for name in type(self).model_fields)
 
+    def __repr_str__(self, join_str: str) -> str:
+        """Fields that are not what they are by default, in words that fit into a line."""
+        known = type(self).model_fields
+        return join_str.join(f"{key}={_brief(a)}" for key, a in self if a != known[key].default)
+
     @public
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
@@ -214,20 +218,20 @@ class ArrayValue:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        return all(_equal(a, b) for a, b in zip(_held(self), _held(other), strict=True))
+        return all(map(_equal, _held(self).values(), _held(other).values()))
 
     def __hash__(self) -> int:
-        return hash((type(self), *(a for a in _held(self) if isinstance(a, int | float | str))))
+        held = _held(self).values()
+        return hash((type(self), *(a for a in held if isinstance(a, int | float | str))))
 
     def __repr__(self) -> str:
-        names = (item.name for item in fields(cast(Any, self)))
-        shown = (f"{name}={_brief(a)}" for name, a in zip(names, _held(self), strict=True))
+        shown = (f"{name}={_brief(a)}" for name, a in _held(self).items())
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
-def _held(value: Any) -> Iterator[Any]:
-    """Values of the fields of a dataclass."""
-    return (getattr(value, item.name) for item in fields(value))
+def _held(value: Any) -> dict[str, Any]:
+    """Fields of a dataclass and their values."""
+    return {item.name: getattr(value, item.name) for item in fields(value)}
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -240,9 +244,7 @@ def _equal(a: Any, b: Any) -> bool:
 
 def _brief(value: Any) -> str:
     """A value in words that fit into a line."""
-    if isinstance(value, np.ndarray):
-        return f"<array {value.shape}>"
-    shown = repr(value)
+    shown = f"<array {value.shape}>" if isinstance(value, np.ndarray) else repr(value)
     return shown if len(shown) <= _BRIEF else f"<{type(value).__name__}>"
 
 
@@ -321,7 +323,7 @@ def _described(field: str) -> str:
     return f" ({words})" if words != key.replace("_", " ") else ""
 
 
-_KNOWN = "known keys here are "
+_KNOWN, _POLYGONS = "known keys here are ", "obstacles_of(polygons) makes obstacles of it."
 
 
 def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
@@ -343,10 +345,11 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
             if isinstance(given, str) and given.startswith("["):
                 hint = f"did you mean {given}, without quotes?"
-            if isinstance(given, dict) and any(
-                given.keys() & k.model_fields for k in _KINDS.values()
-            ):
+            keys = given.keys() if isinstance(given, dict) else ()
+            if any(kind.model_fields.keys() & keys for kind in _KINDS.values()):
                 hint = f"did you mean [[{field}]], which may stand several times?"
+            if "type" in keys or hasattr(given, "__geo_interface__"):
+                hint = _POLYGONS
             if isinstance(given, BaseModel):
                 hint = f"did you mean a list of one, [{type(given).__name__}(...)]?"
             return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
@@ -367,13 +370,12 @@ def _belongs_above(cause: InputError, model: type[BaseModel]) -> str:
 
 def _no_table(field: str, given: Any, meant: str) -> InputError:
     """Name what stands where a table, or a record of this class, is meant."""
-    hint, allowed = "", f"a table of keys{_described(field)}"
+    allowed = f"a table of keys{_described(field)}"
+    hint = _POLYGONS if hasattr(given, "__geo_interface__") else ""
     if isinstance(plain(given), list | tuple):
         hint = "give every value its key, e.g. x_m = 0.1."
     elif isinstance(given, BaseModel):
         hint = f"this is a {type(given).__name__}, and a {meant} is meant."
-    elif hasattr(given, "__geo_interface__"):
-        hint = "obstacles_of(polygons) makes obstacles of it."
     words = describe(field)
     if field.rpartition(".")[2].isdigit():  # words are those of the list
         keys = _KINDS[meant].model_fields if meant in _KINDS else {}

@@ -32,7 +32,7 @@ _SAME_S = 1e-5  # events closer than this are one
 Tell = Callable[[str], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Alternative:
     """Another plan, and what it costs more.
 

@@ -243,8 +243,6 @@ class Plan(ArrayValue):
         return rest_at(self.trajectory, time_s)
 
     def __str__(self) -> str:
-        from twosra_mpc.plans.plan import headline  # which is about plans
-
         return f"{sequence_name(self.sequence)}: {headline(self)}"
 
     def __repr__(self) -> str:

@@ -157,7 +157,7 @@ class Result(ArrayValue):
         """Write the result as JSON, atomically.
 
         Raises:
-            InputError: If the folder does not exist or cannot be written.
+            InputError: If it does not end in .json, or cannot be written.
         """
         write_json(path, self.to_dict())
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.arguments import public
-from twosra_mpc.files import write_text
+from twosra_mpc.files import ending_of, write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -67,6 +67,7 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
 
 def _write(path: str | Path, named: dict[str, Array]) -> None:
     """Write columns under their names; modes are whole numbers."""
+    ending_of(path, ".csv")
     formats = ["%d" if column.dtype.kind == "i" else "%s" for column in named.values()]
     text, table = io.StringIO(), np.column_stack(list(named.values())) + 0.0
     np.savetxt(text, table, formats, delimiter=",", header=",".join(named), comments="")

@@ -28,6 +28,14 @@ _STEPS = np.array(  # the least first
 )
 
 
+_MOST_SIGNS = 24  # of a user's words
+
+
+def short(words: str) -> str:
+    """A user's words, as far as a picture has room for them."""
+    return words if len(words) <= _MOST_SIGNS else f"{words[: _MOST_SIGNS - 1].rstrip()}…"
+
+
 class Label(Annotation):
     """Words in a picture that step aside where they would lie on others (`settle`)."""
 
@@ -36,7 +44,7 @@ def label(ax: Axes, words: str, at: ArrayLike, shift_pt: ArrayLike = (0, 0), **s
     """Write words at a place of an axes, in data, that may step aside; not outside the axes."""
     x, y = np.asarray(at, float).tolist()
     away = cast(tuple[float, float], tuple(np.asarray(shift_pt, float).tolist()))
-    made = Label(words, (x, y), away, textcoords="offset points", clip_on=True, **style)
+    made = Label(short(words), (x, y), away, textcoords="offset points", clip_on=True, **style)
     ax.add_artist(made)
     made.set_transform(IdentityTransform())
     return made

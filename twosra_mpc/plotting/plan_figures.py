@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from itertools import product
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, planned_words, quality
 from twosra_mpc.plans.trajectory import Phase, Samples, Stretch, stretches
 from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
-from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
+from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR, short
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
@@ -78,7 +79,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
     if each:
         for number, (ax, stage) in enumerate(zip(axes[1:], each, strict=False), start=1):
             _draw_stage(ax, plan, stage)
-            ax.set_title(f"{number}: {stage.words}, {stage.to_s:z.1f} s")
+            ax.set_title(fill(f"{number}: {short(stage.words)}, {stage.to_s:z.1f} s", 24))
     else:
         for number, (ax, phase) in enumerate(zip(axes[1:], plan.phases, strict=False), start=1):
             q = phase_rows(plan.trajectory.samples, phase)
@@ -125,11 +126,9 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stretch) -> None:
     for phase in reversed(within):
         _draw_path(ax, phase_rows(trajectory.samples, phase), phase)
     world_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
-    touches = stage.task is not None and stage.task.touches
-    ahead = None if touches else world_figures.UP
+    ahead = None if stage.task is not None and stage.task.touches else world_figures.UP
     shape = robot_shape(geometry, ends.q[1])
-    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": 7.0}
-    world_figures.draw_objects(ax, plan.problem, poses[1], **style)
+    world_figures.draw_objects(ax, plan.problem, poses[1], beside=shape, ahead=ahead, size_pt=7.0)
 
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
@@ -142,7 +141,7 @@ def _look_closely(ax: Axes, plan: Plan, stage: Stretch) -> None:
     ax.dataLim.set_points(np.array([middle - half, middle + half]))
     ax.autoscale_view()
     path = plan.trajectory.configuration(np.linspace(stage.from_s, stage.to_s, 100))[:, :2]
-    bars = middle + _CORNERS * (half - np.array([0.025, 0.0]))  # of these the farthest from it
+    bars = middle + _CORNERS * (half - np.array([0.025, 0.015]))  # of these the farthest from it
     x, y = bars[np.linalg.norm(path - bars[:, None], axis=2).min(axis=1).argmax()].tolist()
     ax.plot([x - 0.025, x + 0.025], [y] * 2, c="0.2", lw=2.0, solid_capstyle="butt", zorder=9)
     words: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7}

@@ -186,7 +186,7 @@ def label_levels(each: Sequence[Stretch], stretch: TimeStretch) -> list[int]:
 
 def stage_words(number: int, stage: Stretch) -> str:
     """Words of the time axis for a stage, where it is done."""
-    return f"{number} {stage.words}"
+    return f"{number} {figures.short(stage.words)}"
 
 
 def name_stages(ax: Axes, each: Sequence[Stretch], levels: Sequence[int]) -> None:

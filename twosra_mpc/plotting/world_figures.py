@@ -65,9 +65,8 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
         x, y = np.clip((low[0], high[1]), *seen).tolist()
-        above = "bottom" if y == high[1] else "top"
-        told = task.name or f"task {number}"
-        label(ax, told, (x, y), va=above, color=figures.TASK_COLOUR, **words)
+        words |= {"va": "bottom" if y == high[1] else "top", "color": figures.TASK_COLOUR}
+        label(ax, task.name or f"task {number}", (x, y), **words)
 
 
 def show_world(
@@ -200,8 +199,8 @@ def draw_objects(
         artists.append(ax.add_patch(Polygon(corners, lw=1.2, zorder=2.2, **style)))
         if size_pt is not None:
             edge, way = free_side(corners, beside, ways[number])
-            name, colour = problem.objects[number].name, edge_of(number)
-            artists.append(_name(ax, name, edge, way, colour, size_pt))
+            words = {"fontsize": size_pt, "color": edge_of(number)}
+            artists.append(_name(ax, problem.objects[number].name, edge, way, words))
     return artists
 
 
@@ -239,12 +238,11 @@ def free_side(
     return middle + way * (taken @ way).max(), way
 
 
-def _name(ax: Axes, name: str, at: Array, way: Array, colour: Any, size_pt: float) -> Artist:
+def _name(ax: Axes, name: str, at: Array, way: Array, words: dict[str, Any]) -> Artist:
     """Write a name from a place on in a direction."""
     side = ("center", "left", "right")[round(way[0])]
     level = ("center", "bottom", "top")[round(way[1])]
-    words: dict[str, Any] = {"ha": side, "va": level, "fontsize": size_pt, "color": colour}
-    words |= {"zorder": 8.5, "bbox": figures.BEHIND_WORDS}
+    words |= {"ha": side, "va": level, "zorder": 8.5, "bbox": figures.BEHIND_WORDS}
     return label(ax, name, at, _BESIDE_PT * way, **words)
 
 
@@ -290,6 +288,6 @@ def legend_entries(
     if problem.passes:
         entries["box to drive through"] = Patch(**TASK)
     if nearest is not None:
-        at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:z.1f} s"
+        at = f"{length(nearest)}, {figures.short(nearest.name)} at {nearest.at_s:z.1f} s"
         entries[f"nearest: {at}"] = plane.line(figures.NEAREST_COLOUR, 1.6)
     return entries

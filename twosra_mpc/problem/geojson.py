@@ -65,7 +65,7 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     single = isinstance(geometries, Mapping) or hasattr(geometries, "__geo_interface__")
     frames = {str(frame): frame for frame in _frames_of(geometries) if frame is not None}
     doubts = [each for frame in frames.values() for each in _doubts_about_frame(frame)]
-    if isinstance(geometries, str) or not (single or isinstance(geometries, Iterable)):
+    if isinstance(geometries, str | Obstacle) or not (single or isinstance(geometries, Iterable)):
         hint = "read_obstacles(path) reads a file." * isinstance(geometries, str | Path)
         allowed = f"a GeoJSON object, or a list of them: {_KINDS}"
         raise InputError("geometries", geometries, allowed, hint=hint)
@@ -139,8 +139,7 @@ def _frames_of(geometries: Any) -> Iterator[Any]:
 
 def _doubts_about_frame(frame: Any) -> Iterator[str]:
     """Refuse coordinates in another unit, and doubt frames that are not known to be in metres."""
-    axes = getattr(frame, "axis_info", None)  # of pyproj
-    if axes:
+    if axes := getattr(frame, "axis_info", None):  # of pyproj
         units = {axis.unit_name for axis in axes}
         if units - {"metre", "meter"}:
             raise InputError("crs", str(frame), f"{_PROJECT}, not {', '.join(sorted(units))}")
@@ -233,7 +232,8 @@ def _polygons(
 def _mapping(value: Any, field: str) -> Mapping[str, Any]:
     described = getattr(value, "__geo_interface__", value)
     if not isinstance(described, Mapping):
-        raise InputError(field, value, f"a GeoJSON object: {_KINDS}")
+        hint = "shapely.Polygon(corners) is one."
+        raise InputError(field, value, f"a GeoJSON object: {_KINDS}", hint=hint)
     return described
 
 

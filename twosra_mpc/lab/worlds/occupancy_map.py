@@ -27,7 +27,11 @@ from twosra_mpc.validation import ArrayValue, Metres, NonNegative, Number, Posit
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
-_OPAQUE, _DIGITS = 255, 5  # of a pixel; thresholds that are a level but for rounding are it
+_OPAQUE, _PERCENT, _DIGITS = (
+    255,
+    100,
+    5,
+)  # of a pixel; thresholds that are a level but for rounding are it
 _TURN_RAD, _ROUGH_M = math.tau, 0.5  # no map of a robot that is turned more, or has larger cells
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
@@ -43,7 +47,7 @@ class _MapFile(Value):
     negate: Literal[0, 1] = 0
     occupied_thresh: NonNegative = 0.65
     free_thresh: NonNegative = 0.25
-    mode: Literal["trinary"] = "trinary"
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,9 +68,8 @@ class OccupancyMap(ArrayValue):
 
     def in_plane(self, cells: Array) -> Array:
         """Points [m] of points (..., 2) in cells, to the nanometre."""
-        *corner, yaw = self.origin
-        turned = self.cell_m * cells @ rotation(yaw)
-        return np.round(np.array(corner) + turned, 9)
+        turned = self.cell_m * cells @ rotation(self.origin[2])
+        return np.round(np.array(self.origin[:2]) + turned, 9)
 
 
 def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap:
@@ -82,8 +85,7 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
             unknown.
 
     Raises:
-        InputError: If file or image cannot be read, or say something that is not understood; modes
-            other than trinary are not.
+        InputError: If file or image cannot be read, or say something that is not understood.
     """
     with reading(str(path), "map"):
         return _map(Path(path), unknown_is_free)
@@ -102,6 +104,8 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if not said.free_thresh <= said.occupied_thresh <= 1:
         allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, source)
+    if said.negate and said.mode == "raw":  # ROS 1 negates it, and ROS 2 does not
+        raise InputError("negate", 1, "0 where mode is raw: its levels are per cent", source)
     if said.resolution > _ROUGH_M:
         doubts.append(f"each cell is {said.resolution:zg} m wide (are these centimetres?)")
     if abs(yaw := said.origin[2]) > _TURN_RAD:
@@ -110,8 +114,10 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     channels, of_image = _pixels(folder / said.image, source)
     doubts += of_image
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
-    lightness = np.arange(3 * _OPAQUE + 1)  # three times the mean of the colours, as ROS has it
+    lightness = np.arange(3.0 * _OPAQUE + 1.0)  # three times the mean of the colours, as ROS has it
     darkness = lightness if said.negate else lightness[::-1]
+    if said.mode == "raw":  # per cent, and levels above say nothing
+        darkness = np.where(lightness <= 3 * _PERCENT, lightness * (_OPAQUE / _PERCENT), math.nan)
     thresholds = np.array([said.occupied_thresh, said.free_thresh])
     most, least = np.round(3 * _OPAQUE * thresholds, _DIGITS).tolist()
     occupied, free = (darkness > most)[sums], (darkness < least)[sums]
@@ -176,9 +182,7 @@ def _without_specks(occupied: NDArray[np.bool_], least: float) -> tuple[NDArray[
 
 def _corners(occupied: NDArray[np.bool_]) -> int:
     """Corners of the outline of what is occupied."""
-    padded = np.pad(occupied, 1)
-    lower, upper = padded[:-1], padded[1:]
-    odd = (lower[:, :-1] ^ lower[:, 1:]) ^ (upper[:, :-1] ^ upper[:, 1:])
+    odd = np.diff(np.diff(np.pad(occupied, 1), axis=0), axis=1)  # of truths: whether they differ
     return int(odd.sum()) + 2 * int(_pinched(occupied).sum())
 
 
@@ -214,8 +218,7 @@ def _fills(polygon: Any, tolerance: float) -> list[Any]:
     for ring in (turned.exterior, *turned.interiors):
         corners = np.array(ring.coords)[:-1]
         first = int(np.lexsort(corners.T)[0])
-        corners = np.roll(corners, -first, axis=0)
-        corners = np.concatenate([corners, corners[:1]])
+        corners = np.concatenate([corners[first:], corners[: first + 1]])
         i = 0
         while i < len(corners) - 1:
             j = i + _farthest(corners[i : i + _MOST_CORNERS + 1], tolerance)
@@ -229,14 +232,12 @@ def _farthest(chain: Array, tolerance: float) -> int:
     """Last corner to which a line from the first has all between on its left, within tolerance."""
     to = chain[1:] - chain[0]
     length2 = (to**2).sum(axis=1)
-    x, y = to.T
-    left = np.outer(x, y) - np.outer(y, x)  # of line j: corner k, times the line's length
+    left = np.outer(*to.T) - np.outer(*to.T[::-1])  # of line j: corner k, times the line's length
     along = np.clip((to @ to.T) / np.maximum(length2, 1e-300)[:, None], 0.0, 1.0)
     away2 = ((to[None] - along[..., None] * to[:, None]) ** 2).sum(axis=2)
     fine = (left >= 0) & (away2 <= tolerance**2)
     fine |= np.triu(np.ones_like(fine))  # corners after its end do not matter
-    good = fine.all(axis=1) & (length2 > 0)
-    return int(np.flatnonzero(good)[-1]) + 1
+    return int(np.flatnonzero(fine.all(axis=1) & (length2 > 0))[-1]) + 1
 
 
 def _unpinched(polygon: Any) -> Any:
@@ -262,10 +263,9 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
             }
             pixels = np.asarray(image.convert("RGBA"))
             return pixels, [words for words, true in doubts.items() if true]
-    except InputError as error:
-        raise InputError("image", str(path), error.allowed, source) from None
     except Exception as error:  # a spoilt image fails in many ways
-        raise InputError("image", str(path), f"an image file ({error})", source) from None
+        allowed = getattr(error, "allowed", f"an image file ({error})")
+        raise InputError("image", str(path), allowed, source) from None
 
 
 def _document(text: str, source: str) -> dict[str, Any]:
@@ -279,8 +279,7 @@ def _document(text: str, source: str) -> dict[str, Any]:
         """The safe loader, refusing a key that is there twice."""
 
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-            own = (key for key, _ in node.value if key.tag != _MERGE)
-            keys = [self.construct_object(key, deep=True) for key in own]
+            keys = [self.construct_object(k, deep=True) for k, _ in node.value if k.tag != _MERGE]
             if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
                 raise InputError("keys", f"{twice[0]} twice", "each key once", source)
             return super().construct_mapping(node, deep)
@@ -310,6 +309,6 @@ def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:
     for obstacle in obstacles:
         corners = obstacle.corners_m.tolist()
         geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
-        properties = {"name": obstacle.name}
-        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+        named = {"name": obstacle.name}
+        features.append({"type": "Feature", "properties": named, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}
