@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from worlds import corridor, random_world
 
 from twosra_mpc import load_robot
+from twosra_mpc.problem.tolerances import ROUNDING_M
 from twosra_mpc.problem.world import Workspace, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
@@ -138,7 +139,8 @@ def test_the_edge_of_the_workspace_may_be_touched(kept_m: float) -> None:
     edge = World(workspace=Workspace(x_m=(-1.0, right), y_m=(-1.0, 1.0)))
     distances = Separation(shape, edge, kept_m).distances
     at = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], [-2e-3, 0.0, 0.0]])
-    assert distances(at) == pytest.approx([kept_m, kept_m - 1e-3, kept_m + 2e-3])
+    touched = kept_m + ROUNDING_M
+    assert distances(at) == pytest.approx([touched, touched - 1e-3, touched + 2e-3])
 
 
 @given(seeds)
@@ -175,3 +177,24 @@ def test_a_corridor_is_as_wide_as_it_is() -> None:
     for width in (0.08, 0.1):
         found = Separation(shape, corridor(width), 0.0).distances(np.zeros((1, 3)))[0]
         assert found == pytest.approx(width / 2 - max(high, -low))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_piece_is_said_to_be_farther_away_than_it_is(seed: int) -> None:
+    """Whatever its corners are: discs around pieces hold the farthest of them."""
+    rng, world = np.random.default_rng(seed), random_world(seed, workspace=None)
+    long, short, turn = (
+        rng.uniform(0.05, 0.1, 200),
+        rng.uniform(0.01, 0.02, 200),
+        7 * rng.random(200),
+    )
+    kites = np.stack([long, 1j * short, -short, -1j * short], axis=1) * np.exp(1j * turn)[:, None]
+    kites += (rng.uniform(-0.6, 0.6, (200, 2)) @ np.array([1, 1j]))[:, None]
+    pieces = np.stack([kites.real, kites.imag], axis=-1)
+    corners = shapely.polygons(pieces).tolist()
+    solid = [
+        shapely.Polygon(part) for item in world.obstacles for part in convex_parts(item.corners_m)
+    ]
+    true = np.array([[each.distance(other) for other in solid] for each in corners])
+    found = Surroundings(world, 0.0).to_parts(pieces[:, None])
+    assert (found <= true + 1e-9).all()

@@ -17,7 +17,7 @@ from thermal_problems import V2, thermal_problem
 from twosra_mpc import Goal, InputError, Problem, load_problem, plan
 from twosra_mpc.lab.worlds.occupancy_map import read_map
 from twosra_mpc.problem.limits import body_gaps_m, workspace_margins
-from twosra_mpc.problem.tolerances import UNSEEN_M, kept_from_m
+from twosra_mpc.problem.tolerances import ROUNDING_M, UNSEEN_M, kept_from_m
 from twosra_mpc.robot.modes import RIGID, Mode, all_modes
 from twosra_mpc.timing import transition_model
 
@@ -25,6 +25,7 @@ ROBOT = load_problem("paper-1").robot
 LIMITED = ROBOT.with_values(limits=ROBOT.limits.with_values(curvature_per_m=40.0))
 AT_REST = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
 CURLED = np.array([-0.65, -0.76])  # units meet if it bends far enough like this
+BENT = (12.0, -25.0)
 SAME_S = 0.01  # the way to the edge of a goal instead of to its middle
 
 
@@ -81,6 +82,31 @@ def inside(x_m: float) -> Problem:
     return Problem(robot=ROBOT, start=AT_REST, goal=goal, workspace=workspace, gap=0.1)
 
 
+def through(width_m: float, clearance_m: float = 0.002) -> Problem:
+    """A drive of 0.5 m straight through a doorway."""
+    walls = [
+        {"box": {"x_m": (0.2, 0.3), "y_m": (width_m / 2, 0.5)}},
+        {"box": {"x_m": (0.2, 0.3), "y_m": (-0.5, -width_m / 2)}},
+    ]
+    goal = {**AT_REST, "x_m": 0.5}
+    given = {"obstacles": walls, "clearance_m": clearance_m}
+    return Problem(robot=ROBOT, start=AT_REST, goal=goal, **given)
+
+
+def up_to(edge_m: float, x_m: float = 0.2, kappa: tuple[float, ...] = (0.0, 0.0)) -> Problem:
+    """A drive to a goal beside the right edge of a workspace."""
+    workspace = {"x_m": (-1.0, edge_m), "y_m": (-1.0, 1.0)}
+    start = {**AT_REST, "kappa_per_m": kappa}
+    goal = {**start, "x_m": x_m}
+    return Problem(robot=ROBOT, start=start, goal=goal, workspace=workspace, gap=0.1)
+
+
+def touched_m(x_m: float, kappa: tuple[float, ...] = (0.0, 0.0)) -> float:
+    """Where the right edge touches the middle of that goal."""
+    goal = np.array([x_m, 0.0, 0.0, *kappa])
+    return 1.0 - float(workspace_margins(up_to(1.0, x_m, kappa), goal[None])[0])
+
+
 def edge_m() -> float:
     """Where the edge of the workspace touches the robot."""
     far = inside(-0.2)
@@ -98,6 +124,10 @@ THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
     "goal at the limit": (MOST, lambda x: limited(0.0, x)),
     "start at the limit": (MOST, lambda x: limited(x, 0.0)),
     "edge of the workspace": (edge_m(), inside),
+    "edge at the goal": (touched_m(0.2), up_to),
+    "edge at a goal with bends": (touched_m(0.15, BENT), lambda x: up_to(x, 0.15, BENT)),
+    "doorway as wide as the robot": (2 * (0.021 + 0.015 + 0.002), through),
+    "clearance in a doorway": (0.002, lambda x: through(2 * (0.021 + 0.015 + 0.002), x)),
 }
 
 
@@ -129,6 +159,25 @@ def reaching(problem: Problem, half_width: float, **ends: object) -> Problem:
 def bent_a_little(problem: Problem, x: float) -> Problem:
     first, second = problem.start.kappa_per_m
     return reaching(problem, 0.0, kappa_per_m=(first - math.copysign(x, first), second))
+
+
+def test_a_doorway_closes_where_the_robot_is_wider_and_nowhere_else() -> None:
+    """The one jump there is: beyond rounding the way on no longer is straight, so it has stops."""
+    width_m = 2 * (0.021 + 0.015 + 0.002)
+    widths = [width_m + by * ROUNDING_M for by in (-2.5, -1.9, 0.0, 1000.0)]
+    status, costs = zip(*(outcome(lambda w=w: through(w)) for w in widths), strict=True)
+    assert set(status) <= {"optimal", "feasible"}
+    assert costs[0] > costs[1] + 0.1
+    assert np.ptp(costs[1:]) <= SAME_S
+
+
+@pytest.mark.parametrize("out_m", [1e-12, 1e-9, 1e-6, 1e-4, 3e-4])
+def test_a_goal_whose_middle_is_out_is_met_where_it_is_not(out_m: float) -> None:
+    """The last drive is shorter by as much, and no slower: no other way is taken."""
+    at = touched_m(0.2)
+    (_, beside), (_, to_middle) = (outcome(lambda by=by: up_to(at - by)) for by in (out_m, 0.0))
+    slowest_m_s = 0.04
+    assert 0.0 <= to_middle - beside <= out_m / slowest_m_s + 1e-9
 
 
 OF_RANDOM: dict[str, tuple[float, Callable[[Problem, float], Problem]]] = {

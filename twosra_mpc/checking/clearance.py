@@ -32,7 +32,7 @@ from twosra_mpc.plans.carried import Carried
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.ends import ends_to_check
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
+from twosra_mpc.problem.tolerances import OVERLAP_M, ROUNDING_M, kept_from_m
 from twosra_mpc.problem.world import Object, Obstacle, Workspace, World
 from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation
 from twosra_mpc.robot.geometry import Geometry
@@ -319,7 +319,7 @@ def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> Iterator[
 
 def _settled(margin_m: float) -> float:
     """A margin, zero within the rounding of drawings [m]."""
-    return 0.0 if abs(margin_m) <= DRAWN_M else margin_m
+    return 0.0 if abs(margin_m) <= ROUNDING_M else margin_m
 
 
 def _leaving(
@@ -335,7 +335,7 @@ def _leaving(
     own = around.each_m(sweep.q[begin], carried)
     kept = kept_from_m(own, needed)
     near = kept < needed
-    if not near.any() or own.min() < -DRAWN_M:
+    if not near.any() or own.min() < -ROUNDING_M:
         return [(around, begin, last, needed)]
     samples, now = trajectory.samples, sweep.t_s[begin]
     ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
@@ -425,7 +425,7 @@ def check_obstacles(problem: Problem) -> None:
         if (around.distances_m(q) > needed.max(initial=0.0)).any():
             continue
         each = np.array([around.each_m(one) for one in q])
-        if (each < needed - DRAWN_M).any(axis=1).all():
+        if (each < needed - ROUNDING_M).any(axis=1).all():
             allowed = _what_lacks(around, each[0], needed, asked)
             found.append(InputError(name, tuple(q[0].tolist()), allowed))
     if found:
@@ -435,7 +435,9 @@ def check_obstacles(problem: Problem) -> None:
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
     """Requirement that an end of a problem breaks: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
-    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, most in named if m < min(most, 0) - DRAWN_M]
+    hit = [
+        f"{name} by {-1e3 * m:z.1f} mm" for name, m, most in named if m < min(most, 0) - ROUNDING_M
+    ]
     if hit:
         return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
     near = [
@@ -463,5 +465,5 @@ def check_apart(field: str, thing: Obstacle, world: World) -> None:
             allowed = f"a place where {thing.name} overlaps nothing; here it overlaps {name}"
             raise InputError(field, middle, allowed)
     edge = world.workspace
-    if edge is not None and edge.margin_m(thing.inner_corners_m).min() < -DRAWN_M:
+    if edge is not None and edge.margin_m(thing.inner_corners_m).min() < -ROUNDING_M:
         raise InputError(field, middle, f"a place where {thing.name} is within the workspace")

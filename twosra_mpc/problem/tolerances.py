@@ -24,10 +24,8 @@ TIME_TOLERANCE_S = 2e-6
 """By so much transitions and phases may be shorter than they must be, or overlap."""
 RATE_TOLERANCE = 1e-7
 """Share of a limit of speed, acceleration or heating by which it may be exceeded, at all times."""
-ROUNDING_M = 1e-9
-"""Rounding in distances of what the model places."""
-DRAWN_M = 1e-6
-"""Rounding in distances of what is drawn as polygons."""
+ROUNDING_M = 1e-6
+"""What distances may miss of what they must be: that of inputs, of sums of them, of drawings."""
 UNSEEN_M = 2e-4
 """By so much a plan may miss a clearance unseen: verification proves to within it."""
 OVERLAP_M = 5e-4

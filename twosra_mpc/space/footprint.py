@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
+from twosra_mpc.problem.tolerances import ROUNDING_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
@@ -154,5 +155,6 @@ def moved_by_bending_m(geometry: Geometry, change_per_m: ArrayLike) -> float:
 
 
 def kept_m(world: World, geometry: Geometry) -> float:
-    """Distance kept by outer pieces: the clearance, and what curvatures may be off [m]."""
-    return world.clearance_m + moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)
+    """Distance kept by outer pieces, to rounding: the clearance, and what bends are off [m]."""
+    uncertain_m = moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)
+    return world.clearance_m + uncertain_m - ROUNDING_M

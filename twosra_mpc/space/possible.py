@@ -126,9 +126,9 @@ def blocked_unit(
         goal: Configuration to end in.
         off_m: How far the units may end from where that has them.
     """
-    radius = geometry.unit_frame_m / 2
+    radius = geometry.unit_frame_m / 2 - UNSEEN_M
     ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
-    grown = [_grown(each.inner_corners_m, radius - UNSEEN_M) for each in world.obstacles]
+    grown = [_grown(each.inner_corners_m, radius) for each in world.obstacles]
     blocked = shapely.union_all(grown)  # of all at once GEOS takes half a gigabyte
     if world.workspace is not None:
         edges = world.workspace.corners_m + np.array([[radius], [-radius]])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import screws
-from twosra_mpc.problem.tolerances import ROUNDING_M, UNSEEN_M
+from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.robot.coordinates import Array, wrapped
 
 
@@ -92,7 +92,7 @@ def clear_legs(
         kept = clear(moved(start[leg], twist[leg], middle)) - needed[leg]
         proved = np.maximum(kept, _LOOKED_AT_M) / travel[leg]
         rest = low + proved < middle
-        good[leg[kept < -ROUNDING_M]] = False
+        good[leg[kept < 0]] = False
         open_ = rest & good[leg]
         leg, low, high = (
             np.tile(leg[open_], 2),

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.problem.tolerances import kept_from_m
+from twosra_mpc.problem.tolerances import ROUNDING_M, kept_from_m
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.geometry import Geometry
@@ -64,7 +64,7 @@ class Surroundings:
         """Least distance of sets of pieces (m, p, k, 2) to obstacles and edges, (m,) [m].
 
         At most `FAR_M`. At least ``kept_m`` is allowed: the edge of the workspace may be touched,
-        and counts as farther away by that; so does each part by what is lent to it, (parts,).
+        to rounding, and counts as farther away; so does each part by what is lent to it, (parts,).
         """
         batches = (corners[i : i + _BATCH] for i in range(0, len(corners), _BATCH))
         return np.concatenate([np.zeros(0), *(self._least(each, lent_m) for each in batches)])
@@ -104,7 +104,7 @@ class Surroundings:
             low, high = self._workspace
             ends = np.ascontiguousarray(corners.reshape(len(corners), -1, 2).transpose(1, 2, 0))
             inside = np.minimum(ends.min(axis=0) - low[:, None], high[:, None] - ends.max(axis=0))
-            least = np.minimum(least, inside.min(axis=0) + self.kept_m)
+            least = np.minimum(least, inside.min(axis=0) + self.kept_m + ROUNDING_M)
         return least
 
 
@@ -200,7 +200,7 @@ class Proximity:
         self.names, self._geometry = (*world.names, EDGE), geometry
         self._carried = [piece[None] for piece in carried]
         self._obstacles = Surroundings(world.with_values(workspace=None), 0.0)
-        self._edges = Surroundings(World(workspace=world.workspace), 0.0)
+        self._edges = Surroundings(World(workspace=world.workspace), -ROUNDING_M)
 
     def distances(self, q: Array) -> Array:
         """Distance of each configuration (m, 3 + n) to each obstacle and the edges, (m, k + 1) [m].

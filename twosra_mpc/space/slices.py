@@ -166,7 +166,7 @@ def _possible(inner: bytes, world: World, kept_m: float, headings: int) -> FreeS
     held = np.frombuffer(inner).reshape(-1, 4, 2)
     half_turn, pieces = np.pi / headings, _rectangles(held)
     shrunk = kept_by_all(pieces, half_turn, kept_m - UNSEEN_M)
-    extent = _extents(held, -half_turn, headings) - _ROUNDING_M
+    extent = _extents(held, -half_turn, headings) - UNSEEN_M
     obstacles = obstacle_parts(world.obstacles, inner=True)
     return _slices(world, shrunk, obstacles, extent, headings)
 

@@ -87,30 +87,40 @@ def guess_motion(
 
 
 def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:
-    """Return the motion with all between its first and last drive shifted into the workspace.
+    """Return the motion with all after its first drive shifted into the workspace.
 
-    As it is where there is no workspace, no second drive, or nothing leaves.
+    What is between that and the last one by itself; the end no farther than the goal allows. As it
+    is where there is no workspace, no drive, or nothing leaves.
     """
     drives = [i for i, mode in enumerate(motion.sequence) if is_rigid(mode)]
-    if problem.workspace is None or len(drives) < 2:
+    if problem.workspace is None or not drives:
         return motion
     first, last = drives[0], drives[-1]
-    states, inputs = motion.states, motion.inputs.copy()
+    states, inputs, edges = motion.states, motion.inputs.copy(), problem.workspace
+    low, high = (end[:2] - motion.end[:2] for end in problem.goal.box(motion.end))
+    tail = np.concatenate([states[last, -1:], *states[last + 1 :]])
+    end_by = np.clip(_inward(tail, problem, edges), np.minimum(low, 0.0), np.maximum(high, 0.0))
     visited = states[first + 1 : last].reshape(-1, states.shape[-1])
-    points = outline_points(motion.robot.geometry)(visited.T).full().T.reshape(len(visited), -1, 2)
-    low, high = spared_corners(problem, problem.workspace)
-    beyond = [np.maximum(off, 0.0).max(axis=(0, 1)) for off in (low - points, points - high)]
-    shift = beyond[0] - beyond[1]
-    if not shift.any():
+    by = _inward(visited, problem, edges) if len(visited) else end_by
+    if not by.any() and not end_by.any():
         return motion
-    by = np.array([*shift, 0.0])
-    for i, here, end in (
-        (first, states[first, 0, :3], states[first, -1, :3] + by),
-        (last, states[last, 0, :3] + by, states[last, -1, :3]),
-    ):
-        screw = _screw(complex(*end[:2]), here, float(end[2] - here[2]))
+    begins, ends = states[:, 0, :POSE].copy(), states[:, -1, :POSE].copy()
+    ends[first, :2] += by
+    begins[last, :2] += by if last > first else 0.0
+    ends[last, :2] = states[last, -1, :2] + end_by
+    for i in {first, last}:
+        screw = _screw(complex(*ends[i, :2]), begins[i], float(ends[i, 2] - begins[i, 2]))
         inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
+
+
+def _inward(visited: Array, problem: Problem | Alone, workspace: Workspace) -> Array:
+    """Shift of configurations (m, 3 + n) that brings them into the workspace, (2,) [m]."""
+    points = outline_points(problem.robot.geometry)(visited.T).full().T.reshape(len(visited), -1, 2)
+    low, high = spared_corners(problem, workspace)
+    beyond = [np.maximum(off, 0.0).max(axis=(0, 1)) for off in (low - points, points - high)]
+    inward: Array = beyond[0] - beyond[1]
+    return inward
 
 
 def swerved(motion: Motion, turn_rad: float) -> Motion:

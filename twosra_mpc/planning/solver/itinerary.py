@@ -18,7 +18,6 @@ from twosra_mpc.planning.stages.variants import Placement
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
-from twosra_mpc.problem.tolerances import ROUNDING_M
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.modes import ModeSequence, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
@@ -39,6 +38,7 @@ _CHAINS, _CHAINS_OF_BLOCKS, _CHAINS_OF_STAGES = 6, 2, 3  # compared
 _MOST_POSES = 1500  # all over the plane
 _MOST_ORDERS = 30  # of drives in which boxes are passed
 _WITHIN = 0.9  # of the half-widths of a goal: how far from its middle is aimed, at most
+_SHARES = np.linspace(0.0, 1.0, 33)[:, None]  # of the way from there to what is clearest
 _AROUND = np.array([*itertools.product((0.0, -1.0, 1.0), repeat=POSE)])
 
 Bools = NDArray[np.bool_]
@@ -203,18 +203,21 @@ class Itinerary:
     def _goals(self, poses: Array) -> Array:
         """Members of the last goal to aim at from poses (m, 3) in the last shape, (m, 3).
 
-        Where the one to aim at is too near to something, the clearest of the box around it.
+        Where the one to aim at is too near to something, the first clear one on the way to the
+        clearest of the box around it.
         """
         stage, sequence, shape = self.stages[-1], self.sequences[-1], self.shapes[-1]
         found, goal = aims(stage, poses, shape), stage.goal
         if goal.is_box and drives(stage, sequence, len(soft_runs(sequence))):
             last = self._drives_of(stage, shape)
             several, of = np.unique(found, axis=0, return_inverse=True)
-            for i in np.flatnonzero(last.clear(several) < last.kept_m - ROUNDING_M):
+            for i in np.flatnonzero(last.clear(several) < last.kept_m):
                 low, high = (end[:POSE] for end in goal.box(np.append(several[i], shape)))
                 half = np.where(np.isfinite(high - low), _WITHIN * (high - low) / 2, 0.0)
                 members = several[i] + half * _AROUND
-                several[i] = members[last.clear(members).argmax()]
+                clearest = members[last.clear(members).argmax()]
+                nearer = several[i] + _SHARES * (clearest - several[i])
+                several[i] = nearer[(last.clear(nearer) >= last.kept_m).argmax() or -1]
             found = several[of.ravel()]
         return found
 
