@@ -69,17 +69,9 @@ def test_tasks_are_values_of_their_kind() -> None:
     )
     kinds = [type(task) for task in problem.tasks]
     assert kinds == [Conform, Pass, Reach, Grasp, Carry, Release]
-    assert problem.is_mission
     assert [task.do for task in problem.passes] == ["pass"]
     assert isinstance(problem.tasks[3], Grasp)
     assert problem.tasks[3].hold == "caged"
-
-
-def test_without_objects_and_tasks_there_is_no_mission() -> None:
-    plain = load_problem("rigid-move")
-    assert not plain.is_mission
-    assert not plain.with_values(tasks=[Pass(x_m=(0.0, 0.1))]).is_mission
-    assert plain.with_values(objects=[CUP]).is_mission
 
 
 def test_a_last_reach_is_the_goal() -> None:

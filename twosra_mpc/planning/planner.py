@@ -126,14 +126,10 @@ def _plan(
 ) -> Result:
     check_shapes(problem)
     check_workspace(problem)
-    if problem.obstacles or problem.objects:
-        from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
+    if problem.obstacles or problem.objects or problem.tasks:
+        from twosra_mpc.planning.stages.checks import check_around  # only then anyone waits for it
 
-        check_obstacles(problem)
-    if problem.is_mission:
-        from twosra_mpc.planning.stages.checks import check_mission
-
-        check_mission(problem)
+        check_around(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
     return _search(problem, frozenset(), on_progress, than_s, worth_s)

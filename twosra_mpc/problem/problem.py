@@ -446,11 +446,6 @@ class Problem(Value):
         """Stages in turn: one for each task, and one for the goal if there is one."""
         return tuple(stages_of(self.tasks, self.goal, self.modes, self.start.holding))
 
-    @property
-    def is_mission(self) -> bool:
-        """True if there is more to do than to pass boxes and to reach one goal past obstacles."""
-        return bool(self.objects) or any(task.rests for task in self.tasks)
-
     @cached_property
     def ends_anywhere(self) -> bool:
         """True if the last task says where it ends, soft or rigid, and there is no goal."""
