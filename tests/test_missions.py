@@ -28,7 +28,7 @@ from twosra_mpc.planning.search.stage_costs import Alone
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
 from twosra_mpc.planning.solver.sequence_solver import Solved as Made
-from twosra_mpc.planning.stages.variants import Variant, Ways
+from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, is_rigid
@@ -62,7 +62,7 @@ def cube() -> dict[str, Any]:
 
 
 def tree_of(problem: Problem) -> Tree[Made]:
-    variants = Ways(problem).variants()
+    variants = ways_of(problem).variants
     assert variants is not None, "nothing ends it early"
     return stage_tree(problem, variants, SequenceSolver(variants))
 
@@ -424,7 +424,7 @@ def test_what_is_not_held_is_not_carried(
 
 def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
     problem = mission(GRASP, objects=[cup()])
-    (variant, *_) = Ways(problem).variants()
+    (variant, *_) = ways_of(problem).variants
     stage = variant.members[0][0]
     assert stage.ends is not None
     middle, (x, y, phi) = np.array([0.25, 0.1]), stage.ends[0]
@@ -440,7 +440,7 @@ def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
 
 def test_bounds_hold_for_all_members_of_a_variant() -> None:
     problem = mission(GRASP, objects=[cube()])
-    for variant in Ways(problem).variants():
+    for variant in ways_of(problem).variants:
         (all_of_them,) = stage_bounds(variant)[:1]
         for member in variant.members:
             (alone,) = stage_bounds(Variant(variant.problem, (member,)))[:1]

@@ -30,7 +30,7 @@ from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed, verified
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver, Solved, checked, trusted
-from twosra_mpc.planning.stages.variants import Variant, Ways
+from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
@@ -143,9 +143,9 @@ def _search(
     worth_s: float = 0.0,
 ) -> Result:
     """Stages, their variants, their tree and its bounds, the solver: a result."""
-    started, ways = time.perf_counter(), Ways(problem)
-    if not (variants := ways.variants()):
-        why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
+    started, (variants, refused) = time.perf_counter(), ways_of(problem)
+    if not variants:
+        why = "; ".join(dict.fromkeys(refused)) or "no direction that may be used is left"
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
         how = "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED
         return Result(problem, *how, stats, None)
@@ -159,8 +159,8 @@ def _search(
 
         solver = Placer(variants)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
-    aimed, narrower = tree, [variant.aimed() for variant in variants]
-    if narrower != list(variants):
+    aimed, narrower = tree, tuple(variant.aimed for variant in variants)
+    if narrower != variants:
         aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,

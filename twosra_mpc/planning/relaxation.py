@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from twosra_mpc.effort import remembered
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
@@ -102,6 +103,7 @@ def relaxation(problem: Problem) -> StageRelaxation:
     )
 
 
+@remembered(64)  # of a few problems, each with a few variants
 def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
     """Bounds of each stage, for all members of a variant."""
     problem, members = variant.problem, variant.members
