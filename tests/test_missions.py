@@ -116,7 +116,7 @@ def test_search_finds_what_trying_all_sequences_finds(case: dict[str, Any]) -> N
         if math.isfinite(leaf):
             found = [made[0] for made in tree.solve(node) if made is not None]
             assert all(leaf <= cost + ROUNDING for cost in found)
-            whole = tree.nodes.whole(node)
+            whole = tree.whole(node)
             assert whole is not None
             most = max(most, *(sum(map(any, each)) for each in whole.sequences))
             costs.extend(found)
@@ -166,7 +166,7 @@ def test_bounds_never_fall_on_the_way_to_a_plan(values: dict[str, Any]) -> None:
 def test_sequences_of_a_stage_come_in_the_order_of_what_they_add(values: dict[str, Any]) -> None:
     """All of them, as enumerated, but those that add more than every longer one may."""
     tree = tree_of(two_goals(exact=False, **{"robot": "2sra-v1", **values}))
-    alone, (stages,) = tree.leaves.so_far.to_go.alone, tree.nodes.variants
+    alone, (stages,) = tree.leaves.so_far.to_go.alone, tree.variants
     seen = 0
     for stage, begins in itertools.product(stages, (RIGID, SOFT_1)):
         found = list(alone.cheapest_first(stage, begins))
@@ -197,7 +197,7 @@ def history(rng: np.random.Generator, last: Mode) -> tuple[Mode, ...]:
 def test_after_no_history_does_a_stage_add_less_than_is_counted(values: dict[str, Any]) -> None:
     rng = np.random.default_rng(1)
     problem = mission(reach(0.2, 0.1, 0.5, (10.0, 10.0)), goal={"x_m": 0.0}, **values)
-    (stages,), equal = tree_of(problem).nodes.variants, 0
+    (stages,), equal = tree_of(problem).variants, 0
     for _ in range(40):
         warm = tuple(rng.uniform(25.0, 50.0, 2).tolist())
         start = problem.start.with_values(temperature_C=warm)

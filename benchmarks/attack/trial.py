@@ -31,7 +31,7 @@ def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
     leaf, node = attack.sequence, tree.root()
     while True:
         yield Claim(f"node {sequence_name(node.head)}", tree.bound(node))
-        if (whole := tree.nodes.whole(node)) is not None and whole.joined == leaf:
+        if (whole := tree.whole(node)) is not None and whole.joined == leaf:
             break
         assert len(node.head) < len(leaf), f"{sequence_name(leaf)} is no leaf of the tree"
         node = Node(0, (), leaf[: len(node.head) + 1])

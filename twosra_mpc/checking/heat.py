@@ -202,7 +202,7 @@ def _window_problems(
     problem: Problem, model: SegmentModel, item: Transition, state: State
 ) -> Iterator[str]:
     """Nothing may move from the earliest onset to the latest end that the state allows."""
-    window, levels = problem.windows(item.segment - 1), (model.solid_level, model.liquid_level)
+    window, levels = problem.windows[item.segment - 1], (model.solid_level, model.liquid_level)
     if item.to == "soft":
         current, (begin, end) = problem.robot.heater.melt_current_A, levels
         early, late = window.melt_early, window.melt_late

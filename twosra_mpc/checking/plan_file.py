@@ -99,7 +99,7 @@ class PlanCheck(ArrayValue):
         if result.status is not Status.FAILED:
             message = f"{source} does not verify: {'; '.join(self.problems[:3])}"
         refused = replace(plan, verification=told)
-        return replace(result, status=Status.FAILED, message=message, plan=refused)
+        return replace(result, status=Status.FAILED, words=message, plan=refused)
 
 
 @public

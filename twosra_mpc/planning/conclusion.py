@@ -85,11 +85,11 @@ def _gentler(found: Solved, lower_bound: float) -> Solved:
 
 
 def quality(made: Plan, ending: Ending) -> str:
-    """Message about a plan that was found."""
+    """Message about a plan that was found; empty where it says itself that it is optimal."""
     if made.status is Status.OPTIMAL:
-        return str(made)
+        return ""
     if ending is Ending.EXHAUSTED:
-        alone = len(made.problem.stages()) == 1
+        alone = len(made.problem.stages) == 1
         phases = (
             f"max_phases = {made.problem.max_phases}" if alone else f"{MOST_PHASES} phases a task"
         )
@@ -134,7 +134,7 @@ def conclude(
 
 def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
     """Proof that there is no plan at all, in words; None where that is not proved."""
-    blocks = tree.in_the_way[0][0].blocks if tree.nodes.only else lambda _: None
+    blocks = tree.in_the_way[0][0].blocks if tree.only else lambda _: None
     proof = blocks(None) or impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
         proof = blocks((problem.robot.rigid,)) or disproof(tree)
@@ -149,7 +149,7 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
         effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
         return f"{none} ({STOPPED[ending]}): {advice(ending)} ({effort})"
     tried = f"{none} ({search.solved} mode sequences tried)"
-    if tree.nodes.only is None:
+    if tree.only is None:
         return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
     if search.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"
@@ -164,7 +164,7 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
 
 def nothing_found(problem: Problem) -> str:
     """Message that there is no plan."""
-    if len(problem.stages()) > 1:
+    if len(problem.stages) > 1:
         return "no plan of these tasks found"
     within = "" if problem.workspace is None else " within the workspace"
     return f"no plan found{' among the obstacles' if problem.obstacles else within}"

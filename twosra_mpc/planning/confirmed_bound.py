@@ -30,7 +30,7 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
         return None
     if any(problem.cost_weights.model_dump().values()):
         return None
-    if problem.obstacles or problem.objects or len(problem.stages()) > 1:
+    if problem.obstacles or problem.objects or len(problem.stages) > 1:
         exact = model.problem is problem and problem.transition_quantile is None
         return min(known, duration_s) if exact else None
 

@@ -73,42 +73,39 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
 
 
 def plan_until_interrupted(
-    problem: Problem, *, on_progress: Callable[[Progress], None] | None = None
+    problem: Problem,
+    *,
+    on_progress: Callable[[Progress], None] | None = None,
+    excluded: frozenset[ModeSequence] = frozenset(),
+    than_s: float = math.inf,
+    worth_s: float = 0.0,
 ) -> Result:
-    """Plan as ``plan`` does, but at Ctrl-C return the best plan so far."""
-    return _within_limits(problem, lambda: _plan(problem, on_progress))
-
-
-def plan_without(problem: Problem, excluded: frozenset[ModeSequence]) -> Result:
-    """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
-    return _within_limits(problem, lambda: _search(problem, excluded))
-
-
-def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
-    """Plan as ``plan`` does, but look for nothing that is better by a few seconds only.
+    """Plan as ``plan`` does, but at Ctrl-C return the best plan so far.
 
     Args:
-        problem: What is left of another.
+        problem: The problem.
+        on_progress: Called as the search proceeds.
+        excluded: Mode sequences that are not to be used.
         than_s: Cost of a plan that is known, the first incumbent: where no bound is below it by
-            more than that, nothing is solved, and the result has a bound and no plan.
+            more than ``worth_s``, nothing is solved, and the result has a bound and no plan.
+        worth_s: What is better by no more than that is not looked for.
 
     Raises:
         InputError: As ``plan`` does.
-        PlanInterrupted: At Ctrl-C.
     """
-    result = _within_limits(problem, lambda: _plan(problem, None, than_s, _WORTH_S))
-    if result.ending is Ending.INTERRUPTED:
-        raise PlanInterrupted(result)
-    return result
-
-
-def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
-    """A result, or that its effort was over before, or after, the search."""
     started = time.perf_counter()
     with limited(problem.work_limit, problem.time_limit_s):
         try:
-            return make()
-        except OutOfEffortError:
+            check_shapes(problem)
+            check_workspace(problem)
+            if problem.obstacles or problem.objects or problem.tasks:
+                from twosra_mpc.planning.stages.checks import check_around  # no one else waits
+
+                check_around(problem)
+            if problem.planner == "greedy":
+                return plan_greedily(problem)
+            return _search(problem, excluded, on_progress, than_s, worth_s)
+        except OutOfEffortError:  # before, or after, the search
             ending = Ending.LIMIT
         except KeyboardInterrupt:
             ending = Ending.INTERRUPTED
@@ -118,29 +115,29 @@ def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
     return Result(problem, *how, stats, None)
 
 
-def _plan(
-    problem: Problem,
-    on_progress: Callable[[Progress], None] | None,
-    than_s: float = math.inf,
-    worth_s: float = 0.0,
-) -> Result:
-    check_shapes(problem)
-    check_workspace(problem)
-    if problem.obstacles or problem.objects or problem.tasks:
-        from twosra_mpc.planning.stages.checks import check_around  # only then anyone waits for it
+def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
+    """Plan as ``plan`` does, but look for nothing that is better by a few seconds only.
 
-        check_around(problem)
-    if problem.planner == "greedy":
-        return plan_greedily(problem)
-    return _search(problem, frozenset(), on_progress, than_s, worth_s)
+    Args:
+        problem: What is left of another.
+        than_s: Cost of a plan that is known.
+
+    Raises:
+        InputError: As ``plan`` does.
+        PlanInterrupted: At Ctrl-C.
+    """
+    result = plan_until_interrupted(problem, than_s=than_s, worth_s=_WORTH_S)
+    if result.ending is Ending.INTERRUPTED:
+        raise PlanInterrupted(result)
+    return result
 
 
 def _search(
     problem: Problem,
     excluded: frozenset[ModeSequence],
-    on_progress: Callable[[Progress], None] | None = None,
-    than_s: float = math.inf,
-    worth_s: float = 0.0,
+    on_progress: Callable[[Progress], None] | None,
+    than_s: float,
+    worth_s: float,
 ) -> Result:
     """Stages, their variants, their tree and its bounds, the solver: a result."""
     started, (variants, refused) = time.perf_counter(), ways_of(problem)
@@ -153,7 +150,7 @@ def _search(
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
     solver: SequenceSolver | Placer = SequenceSolver(variants, checked if inside else trusted)
-    passes = any(stage.through for stage in problem.stages())
+    passes = any(stage.through for stage in problem.stages)
     if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 
@@ -168,7 +165,7 @@ def _search(
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
-        look=lambda: None if tree.nodes.only else _look(aimed),
+        look=lambda: None if tree.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=_confirmed,
         worth=worth_s,
@@ -182,7 +179,7 @@ def _search(
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
-    return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
+    return conclude(variants[0].problem if tree.only else problem, result, tree, stats)
 
 
 def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
@@ -208,11 +205,11 @@ def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
     few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
 
     def short(node: Node) -> list[Node]:
-        leaps = tree.nodes.leaps(node)
+        leaps = tree.leaps(node)
         return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
     found = dive(tree, short, **few, out_of_time=out_of_effort)
-    return found or dive(tree, tree.nodes.leaps, **few, out_of_time=out_of_effort)
+    return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
 
 
 def _rest(variants: Sequence[Variant]) -> Result | None:

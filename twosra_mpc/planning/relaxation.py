@@ -19,7 +19,7 @@ from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.planning.bounds.rigid_motion import least_time
 from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
-from twosra_mpc.planning.search.nodes import InTheWay, Nodes
+from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Placement, Variant
@@ -68,7 +68,8 @@ def stage_tree(
         timing: The transition model, if it is not the problem's.
     """
     return tree_of(
-        Nodes([stage_bounds(each) for each in variants], problem.start_stiffness),
+        [stage_bounds(each) for each in variants],
+        problem.start_stiffness,
         timing or transition_model(problem),
         problem.cost_weights,
         relaxation(problem),

@@ -389,7 +389,7 @@ def stretches(trajectory: Trajectory) -> tuple[Stretch, ...]:
     if not trajectory.problem.tasks:
         return ()
     spans = pairwise((0.0, *trajectory.done_s, trajectory.duration_s))
-    each = zip(trajectory.problem.stages(), spans, strict=False)  # not all have a goal at the end
+    each = zip(trajectory.problem.stages, spans, strict=False)  # not all have a goal at the end
     return tuple(Stretch(stage, *span) for stage, span in each)
 
 

@@ -274,7 +274,7 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
     """Times when tasks are done: at the end of their stages; boxes when entered."""
     moved = Trajectory(problem, samples, (), (), (0.0,) * len(problem.tasks))
     done, ends = [0.0], iter(ends_s)
-    for stage in problem.stages()[: len(problem.tasks)]:
+    for stage in problem.stages[: len(problem.tasks)]:
         if stage.through is not None:
             done.append(entered_s(moved, stage.through, done[-1]))
         else:

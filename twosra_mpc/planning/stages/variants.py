@@ -242,7 +242,7 @@ def ways_of(problem: Problem) -> Ways:
         if problem.ends_anywhere and order and (goal := order[-1].as_goal) is not None:
             own = problem.with_values(tasks=order[:-1], goal=goal)  # what comes last is the goal
         states = [begin]
-        for stage in own.stages():
+        for stage in own.stages:
             states = [after for at in states for after in _ways(own, stage, at, handling)]
         groups: dict[tuple[float, ...], list[tuple[Placement, ...]]] = {}
         for state in states:
