@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from twosra_mpc.checking.cost import cost_of
-from twosra_mpc.checking.verification import verify
+from twosra_mpc.checking.verification import cost_of, verify
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule, schedule
 from twosra_mpc.planning.solver.guess import available_inputs, correct_end, spared_corners
