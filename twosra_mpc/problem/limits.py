@@ -104,10 +104,6 @@ class SpeedLimit(Limit):
         """The limit itself."""
         return float(getattr(robot.body.limits, self.name))
 
-    def limits(self, robot: Robot | Body) -> bool:
-        """True if the robot has this limit."""
-        return getattr(robot.body.limits, self.name) is not None
-
 
 def settled(margin: float, limit: float) -> float:
     """A margin, zero within rounding of an active limit."""
@@ -316,9 +312,10 @@ def workspace_margins(problem: Problem | Alone, q: Array) -> Array:
 # Motions.
 
 
-def speed_limits(robot: Robot | Body) -> tuple[SpeedLimit, ...]:
+@per_body()
+def speed_limits(body: Body) -> tuple[SpeedLimit, ...]:
     """The speed limits that a robot has."""
-    return tuple(limit for limit in SPEED_LIMITS if limit.limits(robot))
+    return tuple(limit for limit in SPEED_LIMITS if getattr(body.limits, limit.name) is not None)
 
 
 @per_body()

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.bends import least_durations
+from twosra_mpc.planning.bounds.schedule import fixed_cost, with_durations
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way, reachable
 from twosra_mpc.planning.search.nodes import Stages, Whole
 from twosra_mpc.problem.problem import Weights
@@ -48,7 +49,12 @@ class Alone:
         """Least durations of the phases of a sequence [s]."""
         key = stage.alike, sequence
         if key not in self._durations:
-            self._durations[key] = stage.durations(sequence)
+            bend, found = stage.bend, [0.0] * len(sequence)
+            if bend is not None:
+                found = list(least_durations(sequence, bend))
+            if sequence == (stage.rigid,):
+                found[0] = max(found[0], stage.drive.at_least())
+            self._durations[key] = found
         return self._durations[key]
 
     def cost(self, stage: StageBounds, begins: Mode, sequence: ModeSequence) -> float:
@@ -254,7 +260,7 @@ class SoFar:
         times = with_durations(network, durations).earliest
         if times is None:
             return Past(math.inf)
-        cost = times[network.layout.finish] + self._fixed_cost(network)
+        cost = times[network.layout.finish] + fixed_cost(network, self.weights)
         return Past(cost, joined, tuple(durations))
 
     def impossible(self, over: Whole) -> str | None:
@@ -302,13 +308,14 @@ class SoFar:
             motion_s: Least time in which every plan moves [s], where that is known.
         """
         so_far = (self.first, *whole)  # every completion melts what was solid all the time
-        missing = [j for j in stage.must_bend if not any(mode[j] for mode in so_far)]
+        must_bend = stage.bend.must_bend if stage.bend else ()
+        missing = [j for j in must_bend if not any(mode[j] for mode in so_far)]
         onward = self._onward(stage, whole[-1], frozenset(missing))
         if onward is not None:
             network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
             times = with_durations(network, durations).earliest
             assert times is not None, "what is not refused has a schedule"
-            return times[network.layout.finish] + self._fixed_cost(network) + onward
+            return times[network.layout.finish] + fixed_cost(network, self.weights) + onward
         network = self._settling(stage, whole)
         least = _least_time(network, durations, motion_s)
         for j in missing:
@@ -341,18 +348,13 @@ class SoFar:
         self, stage: StageBounds, network: TemporalNetwork, missing: list[int]
     ) -> float:
         """Cost of the melts and freezes of a node and of those that must still follow."""
-        cost, last = self._fixed_cost(network), stage.last
+        cost, last = fixed_cost(network, self.weights), stage.last
         for j in missing:  # no melt of it came before: what it takes is that from t = 0
             mode = tuple(int(k == j) for k in range(len(stage.change)))
             melt = self.timing.network((mode,), mode, [0.0])
             cost += self.weights.energy_s_per_J * melt.melt_energy_J
             cost += self.weights.transition_s * (1 + (last is not None and last[j] == 0))
         return cost
-
-    def _fixed_cost(self, network: TemporalNetwork) -> float:
-        """Cost of melts and freezes besides the time they take."""
-        energy = self.weights.energy_s_per_J * network.melt_energy_J
-        return energy + self.weights.transition_s * network.transitions
 
 
 def _least_time(

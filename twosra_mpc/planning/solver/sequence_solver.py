@@ -98,11 +98,7 @@ class SequenceSolver:
     def __init__(self, variants: Sequence[Variant], guessed: Check | None = None) -> None:
         self.variants, self._checked = variants, guessed or checked
         self._of_a_goal: dict[int, GoalSolver] = {}
-
-    @property
-    def iterations(self) -> int:
-        """Of the nonlinear programs so far."""
-        return sum(each.iterations for each in self._of_a_goal.values())
+        self.iterations = 0  # of the nonlinear programs so far
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
@@ -115,7 +111,11 @@ class SequenceSolver:
             return
         if whole.variant not in self._of_a_goal:
             self._of_a_goal[whole.variant] = GoalSolver(variant, self._checked)
-        yield from self._of_a_goal[whole.variant](network, bound)
+        solver = self._of_a_goal[whole.variant]
+        for solved in solver(network, bound):
+            self.iterations += solver.iterations
+            solver.iterations = 0
+            yield solved
 
 
 class GoalSolver:
