@@ -1,4 +1,7 @@
-"""``plan(problem)``: join the search over mode sequences with the fixed-sequence solver."""
+"""``plan(problem)``: the search over mode sequences, the solver of one, and what they conclude.
+
+A plan is made gentler where that costs no more; a result says what is known, and what to change.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +10,40 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.effort import Ending, OutOfEffortError, lend_overtime, limited, out_of_effort, spent
-from twosra_mpc.errors import PlanInterrupted
-from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.conclusion import (
-    STOPPED,
-    Progress,
-    advice,
-    as_asked,
-    conclude,
-    nothing_found,
+from twosra_mpc.effort import (
+    Ending,
+    OutOfEffortError,
+    lend_overtime,
+    limit_reached,
+    limited,
+    out_of_effort,
+    spent,
 )
+from twosra_mpc.errors import ContradictionError, PlanInterrupted
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed, verified
+from twosra_mpc.planning.solver.gentle import gentle
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver, Solved, checked, trusted
 from twosra_mpc.planning.stages.variants import Variant, ways_of
-from twosra_mpc.plans.plan import Status
+from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import forgiven
-from twosra_mpc.robot.modes import ModeSequence
+from twosra_mpc.problem.tasks import MOST_PHASES
+from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import ModeSequence, mode_name
 from twosra_mpc.timing import transition_model
 
 if TYPE_CHECKING:
@@ -46,6 +53,34 @@ _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
+
+
+@public
+class Progress(NamedTuple):
+    """State of a running search.
+
+    Attributes:
+        cost: Of the incumbent [s]; infinite before there is one.
+        lower_bound: Proved lower bound on the cost of any plan [s].
+    """
+
+    cost: float
+    lower_bound: float
+
+
+_STOPPED = {
+    Ending.LIMIT: "a limit was reached",
+    Ending.INTERRUPTED: "interrupted",
+    Ending.CLOSED: "none is better than one that is known",
+}
+
+
+def _advice(ending: Ending) -> str:
+    """Advice after a search that was stopped."""
+    stopped_by = limit_reached()
+    if ending is Ending.INTERRUPTED or stopped_by is None:
+        return "run again to continue the search"
+    return f"raise {stopped_by}"
 
 
 @public
@@ -109,7 +144,7 @@ def plan_until_interrupted(
             ending = Ending.LIMIT
         except KeyboardInterrupt:
             ending = Ending.INTERRUPTED
-        message = f"{nothing_found(problem)} ({STOPPED[ending]}): {advice(ending)}"
+        message = f"{_nothing_found(problem)} ({_STOPPED[ending]}): {_advice(ending)}"
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
     how = problem.planner, Status.FAILED, message, None, ending
     return Result(problem, *how, stats, None)
@@ -179,12 +214,12 @@ def _search(
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
-    return conclude(variants[0].problem if tree.only else problem, result, tree, stats)
+    return _conclude(variants[0].problem if tree.only else problem, result, tree, stats)
 
 
 def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
     """The outcome with a plan that is verified; None if it has none, and may be searched on."""
-    result = as_asked(found)
+    result = _as_asked(found)
     lend_overtime()
     made = None if result.solution is None else result.solution.with_plan()
     if made is not None and made.verifies:
@@ -228,3 +263,120 @@ def _rest(variants: Sequence[Variant]) -> Result | None:
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0, spent(), spent())
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
+
+
+def _as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
+    """The outcome with a gentler plan if that costs no more than asked, unless stopped."""
+    if (found := search.solution) is None or not found.problem.drives_gently:
+        return search
+    try:
+        return replace(search, solution=_gentler(found, search.lower_bound))
+    except KeyboardInterrupt:
+        return replace(search, ending=Ending.INTERRUPTED)
+    except OutOfEffortError:
+        early = search.ending is Ending.INTERRUPTED
+        return search if early else replace(search, ending=Ending.LIMIT)
+
+
+def _gentler(found: Solved, lower_bound: float) -> Solved:
+    """Plan that was found, or a gentler one of its sequence that costs no more than asked."""
+    problem = found.problem
+    within = (1 - 2 * ROUNDING) * lower_bound / (1 - problem.gap)
+    most = limit = max(found.cost, within)
+    for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
+        candidate = gentle(problem, found.candidate, found.network, most)
+        if candidate is None:
+            break
+        slower = replace(found, candidate=candidate, fastest_cost=found.cost, plan=None).with_plan()
+        assert slower.plan is not None, "it was made just now"
+        cost = slower.plan.cost.total
+        if cost <= (1 + ROUNDING) * limit and slower.verifies:
+            return slower
+        most -= 2 * abs(cost - limit)
+    return found
+
+
+def _quality(made: Plan, ending: Ending) -> str:
+    """Message about a plan that was found; empty where it says itself that it is optimal."""
+    if made.status is Status.OPTIMAL:
+        return ""
+    if ending is Ending.EXHAUSTED:
+        alone = len(made.problem.stages) == 1
+        phases = (
+            f"max_phases = {made.problem.max_phases}" if alone else f"{MOST_PHASES} phases a task"
+        )
+        tried = f"no mode sequence of up to {phases} is left to try"
+        elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
+        return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
+    or_gap = " or gap" if ending is Ending.LIMIT else ""
+    return f"{made}; {_STOPPED[ending]}: {_advice(ending)}{or_gap}"
+
+
+def _at_most_cost(lower: float, made: Plan) -> float:
+    """A lower bound of a search, which knows its plan's energy and effort by their quadrature.
+
+    Raises:
+        ContradictionError: If it is above the plan's cost by more than that.
+    """
+    cost, weights = made.cost, made.problem.cost_weights
+    inexact = weights.energy_s_per_J * cost.energy_J + weights.effort * (cost.effort_s or 0.0)
+    if lower > cost.total * (1 + ROUNDING) + QUADRATURE_TOLERANCE * inexact:
+        raise ContradictionError(cost.total, lower)
+    return min(lower, cost.total)
+
+
+def _conclude(
+    problem: Problem, search: SearchResult[Solved], tree: Tree[Solved], stats: Stats
+) -> Result:
+    """Turn the outcome of the search into a result with a true status and a useful message."""
+    lower = search.lower_bound if math.isfinite(search.lower_bound) else None
+    ending, made = search.ending, None
+    if search.solution is not None and search.solution.plan is not None:
+        made = search.solution.plan
+        lower = None if lower is None else _at_most_cost(lower, made)
+        made = replace(made, lower_bound=lower)
+        problem, status, message = made.problem, made.status, _quality(made, ending)
+    elif (proof := _proof(problem, search, tree)) is not None:
+        status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
+        lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
+    else:
+        status, message = Status.FAILED, _failure(problem, search, tree)
+    return Result(problem, "optimal", status, message, lower, ending, stats, made)
+
+
+def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
+    """Proof that there is no plan at all, in words; None where that is not proved."""
+    blocks = tree.in_the_way[0][0].blocks if tree.only else lambda _: None
+    proof = blocks(None) or impossibility(tree)
+    if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
+        proof = blocks((problem.robot.rigid,)) or disproof(tree)
+    return proof
+
+
+def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str:
+    """Reason why no plan was found although one may exist, and what to change."""
+    none = _nothing_found(problem)
+    if (ending := search.ending) is not Ending.EXHAUSTED:
+        limit = limit_reached() or "work_limit"
+        effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
+        return f"{none} ({_STOPPED[ending]}): {_advice(ending)} ({effort})"
+    tried = f"{none} ({search.solved} mode sequences tried)"
+    if tree.only is None:
+        return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
+    if search.solved == 0:
+        return f"{tried}: {too_few_phases(tree)}"
+    rigid = problem.robot.rigid
+    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
+        only = f"without mode {mode_name(rigid)} the pose changes only by bending"
+        return f"{tried}: {only}: add {mode_name(rigid)} to modes"
+    inside = problem.workspace is not None or problem.obstacles
+    wider = "the workspace" if inside else "the goal's tolerance"
+    return f"{tried}: raise max_phases, allow more modes, or widen {wider}"
+
+
+def _nothing_found(problem: Problem) -> str:
+    """Message that there is no plan."""
+    if len(problem.stages) > 1:
+        return "no plan of these tasks found"
+    within = "" if problem.workspace is None else " within the workspace"
+    return f"no plan found{' among the obstacles' if problem.obstacles else within}"
