@@ -37,6 +37,7 @@ ALLOWED = {
     "casadi": (
         "model/",
         "problem/limits.py",
+        "problem/speeds.py",
         "problem/goals.py",
         "checking/reintegration.py",
         "planning/solver/",

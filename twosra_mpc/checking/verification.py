@@ -20,9 +20,9 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Cost as PlanCost
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
-from twosra_mpc.problem.driven import Driven, driven, margins
 from twosra_mpc.problem.limits import CURRENT, TEMPERATURE, WHEEL_SPEED, settled
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import Driven, driven, margins
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
     GOAL_TOLERANCE,

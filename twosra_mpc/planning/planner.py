@@ -219,7 +219,7 @@ def _search(
 
 def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
     """The outcome with a plan that is verified; None if it has none, and may be searched on."""
-    result = _as_asked(found)
+    result = as_asked(found)
     lend_overtime()
     made = None if result.solution is None else result.solution.with_plan()
     if made is not None and made.verifies:
@@ -265,7 +265,7 @@ def _rest(variants: Sequence[Variant]) -> Result | None:
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
 
 
-def _as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
+def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
     """The outcome with a gentler plan if that costs no more than asked, unless stopped."""
     if (found := search.solution) is None or not found.problem.drives_gently:
         return search

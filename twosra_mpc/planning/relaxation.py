@@ -25,16 +25,14 @@ from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
-from twosra_mpc.problem.limits import (
-    CURVATURE,
+from twosra_mpc.problem.limits import CURVATURE, most_gaps_m, overlap_in_words
+from twosra_mpc.problem.problem import Alone, Problem, Start
+from twosra_mpc.problem.speeds import (
     interval_durations,
-    most_gaps_m,
-    overlap_in_words,
     rigid_ramp_s,
     rigid_rows,
     rigid_rows_between,
 )
-from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array

@@ -19,8 +19,9 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest, sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.ends import may_drive
-from twosra_mpc.problem.limits import BODY_GAP, interval_durations, shape_margins, shapes_allowed
+from twosra_mpc.problem.limits import BODY_GAP, shape_margins
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import interval_durations, shapes_allowed
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid

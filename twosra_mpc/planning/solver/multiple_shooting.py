@@ -34,6 +34,7 @@ from twosra_mpc.model.self_collision import self_collision
 from twosra_mpc.planning.solver.stopping import Stopping
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.speeds import speed_function
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.timing import EventLayout
@@ -129,7 +130,7 @@ def transcribe(
     flow = _flow(body, steps).map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
     link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
-    least_times = limits.speed_function(body).map(phases * intervals)(q[:, before], s, mode_of)
+    least_times = speed_function(body).map(phases * intervals)(q[:, before], s, mode_of)
     margins = limits.shape_function(body).map(phases * (intervals + 1))(q[POSE:, :])
     blocks = {
         "defects": (arrive - q[:, after]) / ca.DM(scale),
