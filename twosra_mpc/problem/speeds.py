@@ -14,8 +14,8 @@ from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rows import by_modes, by_rows
+from twosra_mpc.problem import limits
 from twosra_mpc.problem.limits import (
-    SHAPE_LIMITS,
     SPEED_LIMITS,
     WHEEL_ACCELERATION,
     WHEEL_SPEED,
@@ -274,7 +274,7 @@ def margins(
     margin = shape_margins(robot, np.concatenate([shapes, (shapes[1:] + shapes[:-1]) / 2]))
     driving = v[:, 2:].any(axis=1) | a[:, 2:].any(axis=1)
     driven_in = np.append(0, np.cumsum(changes))[driving]
-    for shape in SHAPE_LIMITS:
+    for shape in limits.SHAPE_LIMITS:
         found_here = margin[shape.name]
         counted = found_here[driven_in] if shape.driving else found_here
         yield shape.name, float(counted.min(initial=np.inf))
