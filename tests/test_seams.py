@@ -42,6 +42,7 @@ ALLOWED = {
         "checking/reintegration.py",
         "planning/solver/",
         "execution/tracking/",
+        "lab/serial/markers.py",
     ),
     "matplotlib": ("plotting/", "lab/figures/"),
     "tomlkit": ("robot/description.py", "lab/commands/", "lab/identification/", "report/"),
