@@ -91,7 +91,7 @@ class Samples(ArrayValue):
     def __len__(self) -> int:
         return len(self.t_s)
 
-    @cached_property
+    @property
     def moves(self) -> NDArray[np.bool_]:
         """True where the robot moves from each sample to the next, (rows,)."""
         return ((self.v != 0) | (self.a != 0)).any(axis=1)
