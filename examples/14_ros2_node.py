@@ -19,14 +19,11 @@ from twosra_mpc.execution import (
     Camera,
     Command,
     KnownStiffness,
-    Marker,
-    Markers,
     Reading,
     SimulatedRobot,
-    configuration_by_markers,
-    marker_poses,
     plan_controller,
 )
+from twosra_mpc.lab.serial import Marker, Markers, configuration_by_markers, marker_poses
 
 Array = NDArray[np.float64]
 MARKERS = Markers(marker=(Marker(link="unit 1"), Marker(link="unit 2")))  # where yours sit

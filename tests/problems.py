@@ -13,7 +13,7 @@ from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, sequence_bo
 from twosra_mpc.planning.relaxation import bending_task, stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.stages.variants import Variant, Ways
+from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
@@ -85,7 +85,7 @@ def faster_robot(factor: float) -> Robot:
 
 def only_goal(problem: Problem) -> Variant:
     """The one way to do a problem without objects."""
-    (variant,) = Ways(problem).variants()
+    (variant,) = ways_of(problem).variants
     return variant
 
 

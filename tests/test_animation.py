@@ -284,7 +284,7 @@ def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> 
 
 
 def test_a_plan_file_without_a_plan_has_nothing_to_animate(run: Run) -> None:
-    empty = replace(solved("rigid-move"), plan=None, status=Status.FAILED, message="no way")
+    empty = replace(solved("rigid-move"), plan=None, status=Status.FAILED, words="no way")
     empty.save("plan.json")
     code, out, err = run("plan.json", "plan.gif")
     assert (code, out) == (4, "")

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from twosra_mpc import Plan, confirmed_lower_bound, load_problem, load_robot, plan
-from twosra_mpc.checking.cost import walked_s
 from twosra_mpc.checking.plan_file import checked_text
+from twosra_mpc.checking.walk import walked_s
 from twosra_mpc.control.heated_segment import confirming_windows
 from twosra_mpc.execution import simulate
 from twosra_mpc.robot.modes import MODES

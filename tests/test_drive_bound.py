@@ -14,7 +14,7 @@ from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
 from twosra_mpc.planning.bounds.drive_bound import _Drive, _slices, least_drive_time
 from twosra_mpc.planning.bounds.rigid_motion import least_time, twist_vertices
 from twosra_mpc.planning.relaxation import rigid_time
-from twosra_mpc.problem.limits import rigid_rows
+from twosra_mpc.problem.speeds import rigid_rows
 
 ROBOTS = (ROBOT, load_robot("2sra-v1"))
 STRAIGHT = rigid_rows(ROBOT, (0.0, 0.0))

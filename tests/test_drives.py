@@ -13,7 +13,7 @@ from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 from benchmarks.studies.passages import decide
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.plans.speed_profile import fastest
-from twosra_mpc.problem.limits import rigid_rows
+from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID

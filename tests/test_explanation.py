@@ -19,7 +19,7 @@ from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.effort import Ending
-from twosra_mpc.planning.planner import plan_without
+from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 SCENARIOS = ("paper-1", "shape-change")
@@ -178,7 +178,9 @@ def test_the_next_best_sequence_is_what_the_planner_says(
 ) -> None:
     other = alternative(explained("paper-1"), "with the next best mode sequence")
     best = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
-    direct = plan_without(load_problem("paper-1", motion="fastest"), frozenset({best})).require()
+    direct = plan_until_interrupted(
+        load_problem("paper-1", motion="fastest"), excluded=frozenset({best})
+    ).require()
     assert other.plan is not None
     assert other.plan.cost == direct.cost
 
@@ -186,7 +188,7 @@ def test_the_next_best_sequence_is_what_the_planner_says(
 def test_sequences_that_only_melt_more_are_passed_over() -> None:
     """Next after [0,0] > [1,0] is the same with an idle melt; what is told bends otherwise."""
     problem = load_problem("shape-change", robot="2sra-v1-paper")
-    idle = plan_without(problem, frozenset({(RIGID, SOFT_1, RIGID)})).require()
+    idle = plan_until_interrupted(problem, excluded=frozenset({(RIGID, SOFT_1, RIGID)})).require()
     assert modes_of(idle) == [RIGID, SOFT_1]
     other = alternatives_module.next_best(plan(problem).require())
     assert other.plan is not None

@@ -14,7 +14,7 @@ from problems import goal_tree
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.bounds.bends import unreachable_reason
-from twosra_mpc.planning.planner import plan_without
+from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.infeasibility import impossibility
 from twosra_mpc.robot.description import PATH_MODELS, with_path_model
@@ -134,7 +134,7 @@ def test_what_is_impossible_is_proved_even_without_time() -> None:
 
 def test_where_no_other_sequence_is_allowed_that_is_said() -> None:
     case = problem((0, 0), (10, 0), modes=[SOFT_1])
-    result = plan_without(case, frozenset({(SOFT_1,)}))
+    result = plan_until_interrupted(case, excluded=frozenset({(SOFT_1,)}))
     assert result.message == (
         "proved infeasible: there is no other mode sequence; allowed modes are [1,0]: add another "
         "mode"

@@ -19,18 +19,21 @@ from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.solver.multiple_shooting import transcribe
 from twosra_mpc.problem import ends, limits
-from twosra_mpc.problem.driven import driven, margins
 from twosra_mpc.problem.limits import (
     SHAPE_LIMITS,
     SPEED_LIMITS,
     ShapeLimit,
     broken_by_shapes,
-    interval_durations,
-    least_times_and_turns,
     may_drive_in,
     most_gaps_m,
-    rigid_rows,
     shape_margins,
+)
+from twosra_mpc.problem.speeds import (
+    driven,
+    interval_durations,
+    least_times_and_turns,
+    margins,
+    rigid_rows,
     shapes_allowed,
     speed_limits,
 )

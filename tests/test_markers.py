@@ -10,9 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.lab.serial.pose_lines import PoseLines
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.markers import (
+from twosra_mpc.lab.serial.markers import (
     Marker,
     Markers,
     calibrated_markers,
@@ -20,6 +18,8 @@ from twosra_mpc.model.markers import (
     load_markers,
     marker_poses,
 )
+from twosra_mpc.lab.serial.pose_lines import PoseLines
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.robot.coordinates import Array, wrapped

@@ -79,7 +79,7 @@ class Planner:
 def nothing(problem: Problem) -> Result:
     """No plan."""
     found = solved("paper-1", work_limit=1e-9, max_phases=1)
-    return replace(found, problem=problem, plan=None, message="there is no way")
+    return replace(found, problem=problem, plan=None, words="there is no way")
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ from twosra_mpc.planning.search.stage_costs import Alone
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
 from twosra_mpc.planning.solver.sequence_solver import Solved as Made
-from twosra_mpc.planning.stages.variants import Variant, Ways
+from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, is_rigid
@@ -62,7 +62,7 @@ def cube() -> dict[str, Any]:
 
 
 def tree_of(problem: Problem) -> Tree[Made]:
-    variants = Ways(problem).variants()
+    variants = ways_of(problem).variants
     assert variants is not None, "nothing ends it early"
     return stage_tree(problem, variants, SequenceSolver(variants))
 
@@ -116,7 +116,7 @@ def test_search_finds_what_trying_all_sequences_finds(case: dict[str, Any]) -> N
         if math.isfinite(leaf):
             found = [made[0] for made in tree.solve(node) if made is not None]
             assert all(leaf <= cost + ROUNDING for cost in found)
-            whole = tree.nodes.whole(node)
+            whole = tree.whole(node)
             assert whole is not None
             most = max(most, *(sum(map(any, each)) for each in whole.sequences))
             costs.extend(found)
@@ -166,7 +166,7 @@ def test_bounds_never_fall_on_the_way_to_a_plan(values: dict[str, Any]) -> None:
 def test_sequences_of_a_stage_come_in_the_order_of_what_they_add(values: dict[str, Any]) -> None:
     """All of them, as enumerated, but those that add more than every longer one may."""
     tree = tree_of(two_goals(exact=False, **{"robot": "2sra-v1", **values}))
-    alone, (stages,) = tree.leaves.so_far.to_go.alone, tree.nodes.variants
+    alone, (stages,) = tree.leaves.so_far.to_go.alone, tree.variants
     seen = 0
     for stage, begins in itertools.product(stages, (RIGID, SOFT_1)):
         found = list(alone.cheapest_first(stage, begins))
@@ -197,7 +197,7 @@ def history(rng: np.random.Generator, last: Mode) -> tuple[Mode, ...]:
 def test_after_no_history_does_a_stage_add_less_than_is_counted(values: dict[str, Any]) -> None:
     rng = np.random.default_rng(1)
     problem = mission(reach(0.2, 0.1, 0.5, (10.0, 10.0)), goal={"x_m": 0.0}, **values)
-    (stages,), equal = tree_of(problem).nodes.variants, 0
+    (stages,), equal = tree_of(problem).variants, 0
     for _ in range(40):
         warm = tuple(rng.uniform(25.0, 50.0, 2).tolist())
         start = problem.start.with_values(temperature_C=warm)
@@ -424,7 +424,7 @@ def test_what_is_not_held_is_not_carried(
 
 def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
     problem = mission(GRASP, objects=[cup()])
-    (variant, *_) = Ways(problem).variants()
+    (variant, *_) = ways_of(problem).variants
     stage = variant.members[0][0]
     assert stage.ends is not None
     middle, (x, y, phi) = np.array([0.25, 0.1]), stage.ends[0]
@@ -440,7 +440,7 @@ def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
 
 def test_bounds_hold_for_all_members_of_a_variant() -> None:
     problem = mission(GRASP, objects=[cube()])
-    for variant in Ways(problem).variants():
+    for variant in ways_of(problem).variants:
         (all_of_them,) = stage_bounds(variant)[:1]
         for member in variant.members:
             (alone,) = stage_bounds(Variant(variant.problem, (member,)))[:1]

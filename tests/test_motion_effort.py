@@ -16,8 +16,8 @@ from once import planned, solved
 from problems import ROBOT, at_once, bound_of, network_of, random_problem
 
 from twosra_mpc import Problem, Result, Robot, load_plan, load_problem, load_robot, plan
-from twosra_mpc.checking.cost import effort_s
 from twosra_mpc.checking.plan_file import check_plan
+from twosra_mpc.checking.verification import effort_s
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.bounds.schedule import cost_coefficients

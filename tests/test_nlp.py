@@ -29,7 +29,7 @@ from twosra_mpc.planning.solver.fixed_sequence import (
 )
 from twosra_mpc.planning.solver.guess import TERMINAL_TOLERANCE, bent, correct_end, guess_motion
 from twosra_mpc.planning.solver.multiple_shooting import MOST_ADDED, ipopt, transcribe
-from twosra_mpc.problem.limits import interval_durations
+from twosra_mpc.problem.speeds import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork
 

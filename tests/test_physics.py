@@ -16,7 +16,7 @@ from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.physics.engine import Engine
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.problem.limits import drive_rows
+from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.physics import Physics

@@ -24,7 +24,7 @@ from twosra_mpc.planning.bounds.sequence_bound import pose_bound
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.goals import Tolerance
-from twosra_mpc.problem.limits import interval_durations
+from twosra_mpc.problem.speeds import interval_durations
 from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 

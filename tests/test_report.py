@@ -99,11 +99,11 @@ def hostile(result: Result) -> Result:
     problem = result.problem.with_values(robot=robot, description=HOSTILE)
     made = result.require()
     renamed = replace(made, trajectory=replace(made.trajectory, problem=problem))
-    return replace(result, problem=problem, message=HOSTILE, plan=renamed)
+    return replace(result, problem=problem, words=HOSTILE, plan=renamed)
 
 
 def without_plan(result: Result, status: Status) -> Result:
-    return replace(result, status=status, message="no way", lower_bound=None, plan=None)
+    return replace(result, status=status, words="no way", lower_bound=None, plan=None)
 
 
 # --- the data ------------------------------------------------------------------------------------

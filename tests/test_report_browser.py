@@ -305,7 +305,7 @@ def test_hostile_names_stay_text(
     robot = result.problem.robot.with_values(name=HOSTILE)
     problem = result.problem.with_values(robot=robot, description=HOSTILE)
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
-    write_report(replace(result, problem=problem, message=HOSTILE), folder / "hostile.html")
+    write_report(replace(result, problem=problem, words=HOSTILE), folder / "hostile.html")
     opened(browser, folder / "hostile.html")
     assert browser.title == f"{HOSTILE}: plan report"
     assert one(browser, "h1").get_attribute("textContent") == HOSTILE

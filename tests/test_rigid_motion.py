@@ -19,7 +19,7 @@ from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.planning.bounds.rigid_motion import headings_visited, least_time
 from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.planning.solver.guess import guess_motion, turned_to_go
-from twosra_mpc.problem.limits import interval_durations
+from twosra_mpc.problem.speeds import interval_durations
 from twosra_mpc.robot.modes import RIGID
 
 LIMIT = ROBOT.limits.wheel_speed_rad_s

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from twosra_mpc import Problem
-from twosra_mpc.execution import SimulatedRobot, marker_poses
+from twosra_mpc.execution import SimulatedRobot
+from twosra_mpc.lab.serial import marker_poses
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "14_ros2_node.py"
 

@@ -37,10 +37,12 @@ ALLOWED = {
     "casadi": (
         "model/",
         "problem/limits.py",
+        "problem/speeds.py",
         "problem/goals.py",
         "checking/reintegration.py",
         "planning/solver/",
         "execution/tracking/",
+        "lab/serial/markers.py",
     ),
     "matplotlib": ("plotting/", "lab/figures/"),
     "tomlkit": ("robot/description.py", "lab/commands/", "lab/identification/", "report/"),

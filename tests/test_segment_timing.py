@@ -30,8 +30,8 @@ from thermal_problems import (
 )
 
 from twosra_mpc import InputError, Plan, Problem, Robot, plan
-from twosra_mpc.checking.cost import energy_J
 from twosra_mpc.checking.heat import heating_problems
+from twosra_mpc.checking.verification import energy_J
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import ModeSequence

@@ -19,13 +19,12 @@ from twosra_mpc.effort import Ending
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning import conclusion
 from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, feasible_schedule, scheduled
 from twosra_mpc.planning.solver.gentle import gentle
 from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
-from twosra_mpc.problem.limits import interval_durations, rigid_ramp_s, rigid_rows
+from twosra_mpc.problem.speeds import interval_durations, rigid_ramp_s, rigid_rows
 from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 
@@ -305,7 +304,7 @@ def test_ctrl_c_while_a_plan_is_made_gentle_keeps_the_plan(monkeypatch: pytest.M
         raise KeyboardInterrupt
 
     quick = solved("paper-2", motion="fastest")
-    monkeypatch.setattr(conclusion, "gentle", interrupted)
+    monkeypatch.setattr(planner_module, "gentle", interrupted)
     kept = planner_module.plan_until_interrupted(load_problem("paper-2"))
     assert kept.ending is Ending.INTERRUPTED
     assert kept.require().cost == quick.require().cost
@@ -322,7 +321,7 @@ def test_the_time_that_planning_took_includes_making_it_gentle(
         now += 100.0
 
     monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
-    monkeypatch.setattr(conclusion, "gentle", long_work)
+    monkeypatch.setattr(planner_module, "gentle", long_work)
     assert plan(load_problem("paper-2")).stats.wall_s >= 100.0
 
 

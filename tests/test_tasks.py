@@ -69,17 +69,9 @@ def test_tasks_are_values_of_their_kind() -> None:
     )
     kinds = [type(task) for task in problem.tasks]
     assert kinds == [Conform, Pass, Reach, Grasp, Carry, Release]
-    assert problem.is_mission
     assert [task.do for task in problem.passes] == ["pass"]
     assert isinstance(problem.tasks[3], Grasp)
     assert problem.tasks[3].hold == "caged"
-
-
-def test_without_objects_and_tasks_there_is_no_mission() -> None:
-    plain = load_problem("rigid-move")
-    assert not plain.is_mission
-    assert not plain.with_values(tasks=[Pass(x_m=(0.0, 0.1))]).is_mission
-    assert plain.with_values(objects=[CUP]).is_mission
 
 
 def test_a_last_reach_is_the_goal() -> None:
@@ -447,7 +439,7 @@ def test_a_task_that_waits_is_planned_checked_drawn_and_run(
     there = load_problem("paper-4")
     half = {"do": "reach", "x_m": 0.1, "kappa_per_m": (0.0, 20.0)}
     problem = there.with_values(tasks=(half, {"do": "wait", "least_s": 60.0, "name": "here"}))
-    assert [stage.words for stage in problem.stages()][1:] == ["wait here", "reach the goal"]
+    assert [stage.words for stage in problem.stages][1:] == ["wait here", "reach the goal"]
     found = plan(problem)
     made = found.require()
     before_s, done_s = made.trajectory.done_s

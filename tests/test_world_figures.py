@@ -66,7 +66,7 @@ def drawn(ax: Any) -> tuple[list[Array], list[Array], list[str]]:
 
 def test_every_plane_of_a_plan_shows_its_surroundings() -> None:
     made = among()
-    overview, *others = plot_plan(made).axes[: 1 + len(made.problem.stages())]
+    overview, *others = plot_plan(made).axes[: 1 + len(made.problem.stages)]
     for ax in (overview, *others):
         polygons, boxes, words = drawn(ax)
         for corners, obstacle in zip(polygons, made.problem.obstacles, strict=True):

@@ -17,8 +17,8 @@ from twosra_mpc.model.kinematics import Kinematics as Kinematics
 from twosra_mpc.model.kinematics import kinematics as kinematics
 from twosra_mpc.model.outline import RobotShape as RobotShape
 from twosra_mpc.model.outline import robot_shape as robot_shape
-from twosra_mpc.planning.conclusion import Progress as Progress
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound as confirmed_lower_bound
+from twosra_mpc.planning.planner import Progress as Progress
 from twosra_mpc.planning.planner import plan as plan
 from twosra_mpc.plans.plan import Plan as Plan
 from twosra_mpc.plans.plan import Status as Status

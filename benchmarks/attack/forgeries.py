@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.plan_file import check_plan, refined
-from twosra_mpc.checking.verification import verify
+from twosra_mpc.checking.verification import cost_of, verify
 from twosra_mpc.errors import InputError
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result

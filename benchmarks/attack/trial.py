@@ -11,7 +11,7 @@ from twosra_mpc import InputError, Status, plan
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.planning.stages.variants import ways_of
 from twosra_mpc.robot.modes import sequence_name
 
 _MOST_PHASES = 12  # that a problem may allow
@@ -27,11 +27,11 @@ class Claim(NamedTuple):
 def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
     """Yield what the search tree says of the nodes above an attack's sequence, and of itself."""
     problem = attack.problem.with_values(max_phases=_MOST_PHASES)
-    tree: Tree[None] = stage_tree(problem, Ways(problem).variants() or (), lambda *_: ())
+    tree: Tree[None] = stage_tree(problem, ways_of(problem).variants, lambda *_: ())
     leaf, node = attack.sequence, tree.root()
     while True:
         yield Claim(f"node {sequence_name(node.head)}", tree.bound(node))
-        if (whole := tree.nodes.whole(node)) is not None and whole.joined == leaf:
+        if (whole := tree.whole(node)) is not None and whole.joined == leaf:
             break
         assert len(node.head) < len(leaf), f"{sequence_name(leaf)} is no leaf of the tree"
         node = Node(0, (), leaf[: len(node.head) + 1])

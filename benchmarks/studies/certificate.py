@@ -23,7 +23,7 @@ from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.sequence_solver import GoalSolver
-from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.planning.stages.variants import ways_of
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork
 from twosra_mpc.validation import Positive
@@ -107,7 +107,7 @@ class Certificate(PlanStudy):
 
 def _brute_force(problem: Problem, starts: int) -> Iterator[tuple[float, float]]:
     """Yield (proved bound, best verified cost or inf) of every mode sequence [s]."""
-    solve, rng = GoalSolver((Ways(problem).variants() or [])[0]), np.random.default_rng(0)
+    solve, rng = GoalSolver(ways_of(problem).variants[0]), np.random.default_rng(0)
 
     def attempts(network: TemporalNetwork, bound: SequenceBound, _: Whole) -> Iterator[Any]:
         """Plans from the relaxation's own bends, and from disturbed ones."""
@@ -116,7 +116,7 @@ def _brute_force(problem: Problem, starts: int) -> Iterator[tuple[float, float]]
             noise = rng.normal(0.0, _NOISE, len(bound.bends)) if start else 0.0
             yield from solve(network, replace(bound, bends=np.where(soft, bound.bends + noise, 0)))
 
-    tree = stage_tree(problem, Ways(problem).variants() or (), attempts)
+    tree = stage_tree(problem, ways_of(problem).variants, attempts)
     nodes = [tree.root()]
     while nodes:
         node = nodes.pop()

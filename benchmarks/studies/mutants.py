@@ -44,12 +44,14 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/checking/sweep.py": ("test_forged_plans", "test_checking_missions"),
     "twosra_mpc/checking/reintegration.py": ("test_forged_plans",),
     "twosra_mpc/checking/certificate.py": ("test_certificate",),
-    "twosra_mpc/checking/cost.py": ("test_motion_effort", "test_verify_command"),
     "twosra_mpc/checking/events.py": ("test_certificate",),
     "twosra_mpc/checking/fibre.py": ("test_certificate",),
     "twosra_mpc/checking/heat.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/plan_file.py": ("test_forged_plans", "test_verify_command"),
-    "twosra_mpc/checking/verification.py": ("test_verification", "test_forged_plans"),
+    "twosra_mpc/checking/verification.py": (
+        *("test_verification", "test_forged_plans", "test_motion_effort"),
+        "test_verify_command",
+    ),
 }
 QUICK = (
     *(f"{_BOUNDS}/drive_bound.py", f"{_BOUNDS}/linear_program.py"),

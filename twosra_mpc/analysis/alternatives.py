@@ -15,7 +15,7 @@ from twosra_mpc.checking.sweep import stiffness
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.planner import plan_until_interrupted, plan_without
+from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
@@ -158,7 +158,7 @@ def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:
     better = min(solving, key=lambda each: each.cost.total, default=None)
     if better is None:
         return None
-    return replace(result, plan=better, status=better.status, message=f"{better}; {_BETTER}")
+    return replace(result, plan=better, status=better.status, words=f"{better}; {_BETTER}")
 
 
 def _at_full_speed(made: Plan, problem: Problem, tell: Tell) -> Plan:
@@ -201,7 +201,7 @@ def next_best(original: Plan) -> Alternative:
     found, the cheapest of them is the answer.
     """
     excluded = _sequences(original)
-    cheapest = found = plan_without(original.problem, frozenset(excluded))
+    cheapest = found = plan_until_interrupted(original.problem, excluded=frozenset(excluded))
     for _ in range(1 if original.problem.obstacles else _ROUNDS):
         other = found.plan
         if other is None or found.ending is Ending.INTERRUPTED or _differ(other, original):
@@ -210,7 +210,7 @@ def next_best(original: Plan) -> Alternative:
         excluded |= _sequences(other)
         if len(excluded) == known:
             break
-        found = plan_without(original.problem, frozenset(excluded))
+        found = plan_until_interrupted(original.problem, excluded=frozenset(excluded))
     if found.plan is not None and _differ(found.plan, original):
         return Alternative("with the next best mode sequence", "", original, found)
     details = ""

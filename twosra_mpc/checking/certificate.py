@@ -70,7 +70,7 @@ class Checker:
     """Lower bounds on sets of plans of one problem."""
 
     def __init__(self, problem: Problem) -> None:
-        if problem.is_mission:
+        if any(task.rests for task in problem.tasks):
             raise InputError("tasks", "a mission", "a problem with one goal: others have no proof")
         self.problem, self.events, self.fibre = problem, Events(problem), Fibre(problem.robot)
         self.first, self.last = problem.start_stiffness, problem.goal.mode

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,13 +24,25 @@ from twosra_mpc.problem.tolerances import (
     TIME_TOLERANCE_S,
 )
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.model import State
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
 from twosra_mpc.timing.transitions import own_transitions
 
 # times -> set-points [C], currents [A]; NaN: hold
 Commands = Callable[[Array], tuple[Array, Array]]
+
+
+Course = list[tuple[float, float, int | None]]  # since when, until when, and what it is then
+
+
+def course(trajectory: Trajectory, segment: int) -> Course:
+    """Stiffness of a segment (from 0) over time: 1 soft, 0 rigid, None while it changes."""
+    found, since, now = Course(), -math.inf, trajectory.problem.start_stiffness[segment]
+    for item in own_transitions(trajectory.transitions, segment):
+        found += [(since, item.onset_s, now), (item.onset_s, item.done_s, None)]
+        since, now = item.done_s, int(item.to == "soft")
+    return [*found, (since, math.inf, now)]
 
 
 def heating_problems(trajectory: Trajectory) -> Iterator[str]:
@@ -73,8 +84,8 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own)
-    level = model.level(states)
-    missed = _missed(model)
+    level, share = model.level(states), LEVEL_TOLERANCE + model.replay_tolerance
+    missed = share * (model.liquid_level - model.solid_level)  # of levels that currents reach
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
     soft = samples.mode[:-1, segment] == 1
     wrong = samples.moves[:-1] & np.where(
@@ -84,7 +95,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     if wrong.any():
         yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:z.3f} s"
     for item in own:
-        yield from _window_problems(problem, model, item, _at(states, samples, item.heater_s))
+        yield from _window_problems(problem, item, _at(states, samples, item.heater_s), missed)
     ends = {(item.to, item.done_s) for item in own}
     if not problem.ends_anywhere:
         ends.add(("soft" if problem.goal.mode[segment] else "rigid", float(samples.t_s[-1])))
@@ -130,66 +141,46 @@ def _command_problems(
         yield f"at {t[row]:z.3f} s {heater} gives {given[1][row]:z.3g} A, not the {asked}"
 
 
-class _Span(NamedTuple):
-    """State of a heater from a time on: current [A], NaN where it holds, and set-point [C]."""
-
-    start_s: float
-    current_A: float
-    setpoint_C: float
-
-
 def _policy_problems(
     trajectory: Trajectory, segment: int, own: tuple[Transition, ...]
 ) -> Iterator[str]:
     """The heater follows the policy, given what its currents have made of the metal."""
-    samples, model = trajectory.samples, trajectory.problem.segment_models[segment]
-    spans = list(_policy(trajectory, segment, own))
-    starts, current, setpoint = (np.array(column) for column in zip(*spans, strict=True))
-
-    def commands(t: Array) -> tuple[Array, Array]:
-        at = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
-        return setpoint[at], current[at]
-
-    yield from _command_problems(samples, segment, commands, TIME_TOLERANCE_S)
-    asked, holds = commands(samples.t_s - TIME_TOLERANCE_S)
-    held = np.isnan(holds) & np.isnan(commands(samples.t_s + TIME_TOLERANCE_S)[1])
-    off_C = HOLD_TOLERANCE_C + model.replay_tolerance * np.abs(asked - trajectory.problem.ambient)
-    wrong = held & (np.abs(model.temperature_C(trajectory.metal[segment]) - asked) > off_C)
-    if wrong.any():
-        held_C = f"hold the {asked[wrong][0]:zg} C of the heating policy"
-        yield f"at {samples.t_s[wrong][0]:z.3f} s heater {segment + 1} does not {held_C}"
-
-
-def _policy(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[_Span]:
-    """Course of the policy for a heater that is switched at these transitions."""
     problem, samples = trajectory.problem, trajectory.samples
     model, states = problem.segment_models[segment], trajectory.metal[segment]
     heater, first = problem.robot.heater, "soft" if problem.start_mode[segment] else "rigid"
     warm_C = problem.segment_thresholds_C[segment][0] - KEEP_WARM_BELOW_C
     warms = problem.heating == "keep_warm" and problem.heaters_at_once == len(problem.start_mode)
     switched = [(0.0, first), *((item.heater_s, item.to) for item in own), (math.inf, "rigid")]
+    spans = list[tuple[float, float, float]]()  # since when, set-point, current (NaN: it holds)
     for (since, to), (until, then) in itertools.pairwise(switched):
-        state, target_C = _at(states, samples, since), heater.soft_setpoint_C
-        current = 0.0
+        state, target_C, current_A = _at(states, samples, since), heater.soft_setpoint_C, 0.0
         if to == "soft":
             hot = model.level(state) > model.level_at(target_C)
-            current = 0.0 if hot else heater.melt_current_A
-            yield _Span(since, current, target_C)
+            current_A = 0.0 if hot else heater.melt_current_A
+            spans.append((since, target_C, current_A))
         else:
-            yield _Span(since, 0.0, heater.rigid_setpoint_C)
+            spans.append((since, heater.rigid_setpoint_C, 0.0))
             inside = (samples.t_s >= since) & (samples.t_s < until - TIME_TOLERANCE_S)
             target_C = warm_C
             if then == "rigid" or not (warms and samples.heater_current_A[inside, segment].any()):
                 continue
-        there = since + model.time_until(state, current, model.level_at(target_C))
+        there = since + model.time_until(state, current_A, model.level_at(target_C))
         if there < until:
-            yield _Span(there, math.nan, target_C)
+            spans.append((there, target_C, math.nan))
+    starts, setpoints, currents = np.array(spans).T
 
+    def commands(t: Array) -> tuple[Array, Array]:
+        at = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
+        return setpoints[at], currents[at]
 
-def _missed(model: SegmentModel) -> float:
-    """Tolerance of a level that replayed currents reach."""
-    share = LEVEL_TOLERANCE + model.replay_tolerance
-    return share * (model.liquid_level - model.solid_level)
+    yield from _command_problems(samples, segment, commands, TIME_TOLERANCE_S)
+    asked, holds = commands(samples.t_s - TIME_TOLERANCE_S)
+    held = np.isnan(holds) & np.isnan(commands(samples.t_s + TIME_TOLERANCE_S)[1])
+    off_C = HOLD_TOLERANCE_C + model.replay_tolerance * np.abs(asked - problem.ambient)
+    wrong = held & (np.abs(model.temperature_C(states) - asked) > off_C)
+    if wrong.any():
+        held_C = f"hold the {asked[wrong][0]:zg} C of the heating policy"
+        yield f"at {samples.t_s[wrong][0]:z.3f} s heater {segment + 1} does not {held_C}"
 
 
 def _at(states: Sequence[Array], samples: Samples, when: float) -> State:
@@ -199,33 +190,26 @@ def _at(states: Sequence[Array], samples: Samples, when: float) -> State:
 
 
 def _window_problems(
-    problem: Problem, model: SegmentModel, item: Transition, state: State
+    problem: Problem, item: Transition, state: State, missed: float
 ) -> Iterator[str]:
     """Nothing may move from the earliest onset to the latest end that the state allows."""
-    window, levels = problem.windows(item.segment - 1), (model.solid_level, model.liquid_level)
-    if item.to == "soft":
-        current, (begin, end) = problem.robot.heater.melt_current_A, levels
-        early, late = window.melt_early, window.melt_late
-    else:
-        current, (end, begin) = 0.0, levels
-        early, late = window.freeze_early, window.freeze_late
-    onset = item.heater_s + early * _until(model, state, current, begin)
+    window, model = problem.windows[item.segment - 1], problem.segment_models[item.segment - 1]
+    begin, end = model.solid_level, model.liquid_level
+    current, early, late = problem.robot.heater.melt_current_A, window.melt_early, window.melt_late
+    if item.to == "rigid":
+        current, early, late = 0.0, window.freeze_early, window.freeze_late
+        begin, end = end, begin
+    lead, beyond = model.time_until(state, current, begin), model.level(state) - begin
+    if math.isinf(lead) and (beyond if current else -beyond) >= -missed:
+        lead = 0.0  # the metal changes already, or all but does
+    onset = item.heater_s + early * lead
     done = item.heater_s + late * model.time_until(state, current, end)
     name = f"segment {item.segment} to {item.to} at {item.heater_s:z.3f} s"
     off_s = TIME_TOLERANCE_S + model.replay_tolerance * (item.done_s - item.heater_s)
-    if abs(item.onset_s - onset) > off_s:
-        yield f"{name}: begins to change at {onset:z.3f} s{_than(item.onset_s, onset)}"
-    if abs(item.done_s - done) > off_s:
-        yield f"{name}: has changed at {done:z.3f} s{_than(item.done_s, done)}"
-
-
-def _until(model: SegmentModel, state: State, current_A: float, level: float) -> float:
-    """Time to the onset of a change [s]; none where the metal changes already, or all but does."""
-    found, beyond = model.time_until(state, current_A, level), model.level(state) - level
-    begun = (beyond if current_A else -beyond) >= -_missed(model)
-    return 0.0 if begun and math.isinf(found) else found
-
-
-def _than(said: float, true: float) -> str:
-    """Compare a time with what is said of it."""
-    return f", before {said:z.3f} s" if true < said else f" only, after {said:z.3f} s"
+    for said, true, words in (
+        (item.onset_s, onset, "begins to change"),
+        (item.done_s, done, "has changed"),
+    ):
+        if abs(said - true) > off_s:
+            than = f", before {said:z.3f} s" if true < said else f" only, after {said:z.3f} s"
+            yield f"{name}: {words} at {true:z.3f} s{than}"

@@ -63,7 +63,7 @@ def heat(problem: Problem, j: int) -> Heat:
     molten = arb(problem.melt_fractions[j])
     if type(problem.transition_times) is OverlappedTiming:
         return _constant(problem.transition_times, heater, now, molten, problem.ambient)
-    model, window = problem.segment_models[j], problem.windows(j)
+    model, window = problem.segment_models[j], problem.windows[j]
     if type(model) is Lumped:
         return _OneNode(model, heater, now, molten, window).heat()
     if type(model) is TwoNode:

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.checking.cost import cost_of, walked_s
 from twosra_mpc.checking.reintegration import between_problems
-from twosra_mpc.checking.verification import Findings, examine, verify
+from twosra_mpc.checking.verification import Findings, cost_of, examine, verify
+from twosra_mpc.checking.walk import walked_s
 from twosra_mpc.files import differences, json_document, read_text, reading
 from twosra_mpc.keys import unit_of
 from twosra_mpc.plans.carried import mission_document
@@ -99,7 +99,7 @@ class PlanCheck(ArrayValue):
         if result.status is not Status.FAILED:
             message = f"{source} does not verify: {'; '.join(self.problems[:3])}"
         refused = replace(plan, verification=told)
-        return replace(result, status=Status.FAILED, message=message, plan=refused)
+        return replace(result, status=Status.FAILED, words=message, plan=refused)
 
 
 @public

@@ -36,16 +36,9 @@ from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.limits import (
-    BODY_GAP,
-    UNIT_GAP,
-    parts_moved_m,
-    shape_margins,
-    shares_used,
-    speed_function,
-    speed_limits,
-)
+from twosra_mpc.problem.limits import BODY_GAP, UNIT_GAP, parts_moved_m, shape_margins
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import shares_used, speed_function, speed_limits
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, RATE_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.sweep import Clearance, Sweep, course, least, stages, stiffness, swept
+from twosra_mpc.checking.heat import course
+from twosra_mpc.checking.sweep import Clearance, Sweep, least, stages, stiffness, swept
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
@@ -49,6 +50,9 @@ class Around(NamedTuple):
     tasks: tuple[str, ...]
 
 
+NOTHING_AROUND = Around({}, {}, ())
+
+
 def examine_around(trajectory: Trajectory, reached: Array) -> Around:
     """Check the clearance to obstacles, the travel while soft, and the tasks before the goal.
 
@@ -58,8 +62,6 @@ def examine_around(trajectory: Trajectory, reached: Array) -> Around:
     """
     problem = trajectory.problem
     in_the_way = bool(problem.obstacles or problem.objects)
-    if not in_the_way and not problem.tasks and problem.workspace is None:
-        return Around({}, {}, ())
     sweep: Sweep | None = Sweep(trajectory.samples.t_s, reached, np.full(len(reached), np.inf))
     fine = in_the_way or problem.workspace is not None
     if fine or not all(task.rests for task in problem.tasks):  # else samples are enough

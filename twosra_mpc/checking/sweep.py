@@ -1,7 +1,6 @@
 """Sweep of a plan: the robot at fine times, how far its points travel in between, and its stages.
 
 A stage says what the robot must keep clear of, may touch and holds, from task to task of a mission.
-A course says what a segment is, from transition to transition.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.checking.heat import course
 from twosra_mpc.checking.reintegration import between, displacements, reintegrate
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
@@ -26,7 +26,6 @@ from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.timing.transitions import own_transitions
 
 CHORDS = 24  # drawn for a segment; they stray from it by 0.03 mm at most
 _ACCURACY_M = 1.6e-4  # to which the least distance of what is drawn is proved
@@ -292,18 +291,6 @@ def touched_in(problem: Problem, stage: int) -> set[str]:
     names = {task.about for task in own if task.touches}
     names |= {task.about for task in before if task.lies_along}
     return {name for name in names if name}
-
-
-Course = list[tuple[float, float, int | None]]  # since when, until when, and what it is then
-
-
-def course(trajectory: Trajectory, segment: int) -> Course:
-    """Stiffness of a segment (from 0) over time: 1 soft, 0 rigid, None while it changes."""
-    found, since, now = Course(), -math.inf, trajectory.problem.start_stiffness[segment]
-    for item in own_transitions(trajectory.transitions, segment):
-        found += [(since, item.onset_s, now), (item.onset_s, item.done_s, None)]
-        since, now = item.done_s, int(item.to == "soft")
-    return [*found, (since, math.inf, now)]
 
 
 def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:

@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.heat import heating_problems
-from twosra_mpc.checking.reintegration import reintegrate
-from twosra_mpc.checking.surroundings import examine_around
-from twosra_mpc.checking.sweep import course
+from twosra_mpc.checking.heat import course, heating_problems
+from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.checking.surroundings import NOTHING_AROUND, examine_around
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.plans.plan import Cost as PlanCost
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.driven import Driven, margins
+from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
 from twosra_mpc.problem.limits import CURRENT, TEMPERATURE, WHEEL_SPEED, settled
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import Driven, driven, margins
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
     GOAL_TOLERANCE,
@@ -94,7 +94,9 @@ def examine(trajectory: Trajectory) -> Findings:
     charge(Cost.SAMPLE, len(samples))
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
-    around = examine_around(trajectory, reached)
+    around = NOTHING_AROUND
+    if problem.obstacles or problem.objects or problem.tasks or problem.workspace is not None:
+        around = examine_around(trajectory, reached)
     moving = trajectory.driven
     limits = _margins(problem, samples, moving)
     limits |= around.margins
@@ -207,9 +209,9 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
     if not defect <= DEFECT_TOLERANCE:
         yield f"re-integration departs from the samples by {defect:z.3g} (m, rad or 1/m)"
-    for name, unit, error in zip(coordinates.names, coordinates.units, goal_error, strict=True):
-        if not abs(error) <= GOAL_TOLERANCE:
-            yield f"goal.{name} is missed by {error:z.3g} {unit}"
+    for i in np.flatnonzero(~(np.abs(goal_error) <= GOAL_TOLERANCE)).tolist():
+        missed = f"missed by {goal_error[i]:z.3g} {coordinates.units[i]}"
+        yield f"goal.{coordinates.names[i]} is {missed}"
 
 
 def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, float]:
@@ -227,16 +229,22 @@ def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, fl
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:
-    """Moving needs every segment to be what the mode says, and none to be changing."""
+    """Moving needs every segment to be what the mode says, and none to be changing.
+
+    At rest the mode is what the metal is: soft from the end of a melt to a freeze's onset.
+    """
     samples = trajectory.samples
     moving = np.flatnonzero(samples.moves)
     if len(moving) and moving[-1] == len(samples) - 1:
         yield "the last sample still moves"
         return
     begin, end = samples.t_s[moving], samples.t_s[moving + 1]
+    just_after = samples.t_s + 2 * TIME_TOLERANCE_S
+    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
     for j in range(len(trajectory.problem.start_mode)):
-        soft = np.zeros(len(moving), dtype=int)
+        soft, resting = np.zeros(len(moving), dtype=int), np.zeros(len(samples), dtype=int)
         for since, until, now in course(trajectory, j):
+            resting[just_after >= since] = now == 1
             if now is not None:
                 soft[begin >= since - TIME_TOLERANCE_S] = now
                 continue
@@ -250,23 +258,66 @@ def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:
             mode = mode_name(tuple(samples.mode[row].tolist()))
             when = f"at {samples.t_s[row]:z.3f} s"
             yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
-    yield from _resting_modes(trajectory)
+        wrong = (samples.mode[:, j] != resting) & ~samples.moves & lasting
+        if wrong.any():
+            when, said = samples.t_s[wrong][0], "rigid" if resting[wrong][0] else "soft"
+            yield f"at {when:z.3f} s the robot rests in a mode in which segment {j + 1} is {said}"
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0
     acting = (samples.v[moving] != 0) | (samples.a[moving] != 0)
     if acting[rigid][:, :2].any() or acting[~rigid][:, 2:].any():
         yield "an input acts that the mode does not have"
 
 
-def _resting_modes(trajectory: Trajectory) -> Iterator[str]:
-    """At rest the mode is what the metal is: soft from the end of a melt to a freeze's onset."""
-    samples = trajectory.samples
-    just_after = samples.t_s + 2 * TIME_TOLERANCE_S
-    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
-    for j in range(len(trajectory.problem.start_mode)):
-        soft = np.zeros(len(samples), dtype=bool)
-        for since, _, now in course(trajectory, j):
-            soft[just_after >= since] = now == 1
-        wrong = (samples.mode[:, j] != soft) & ~samples.moves & lasting
-        if wrong.any():
-            when, said = samples.t_s[wrong][0], "soft" if soft[wrong][0] == 0 else "rigid"
-            yield f"at {when:z.3f} s the robot rests in a mode in which segment {j + 1} is {said}"
+_CUT = 1e-2  # m: what an input moves at most from one of the quadrature's cuts to the next
+
+
+def cost_of(trajectory: Trajectory) -> PlanCost:
+    """Cost of a trajectory [s], and what it is made of."""
+    problem, samples = trajectory.problem, trajectory.samples
+    weights, time_s = problem.cost_weights, float(samples.t_s[-1])
+    count = len(trajectory.transitions)
+    energy, effort = energy_J(trajectory), effort_s(trajectory)
+    total = time_s + weights.energy_s_per_J * energy + weights.transition_s * count
+    return PlanCost(total + weights.effort * effort, time_s, energy, count, effort)
+
+
+def effort_s(trajectory: Trajectory) -> float:
+    """Integral of the sum of (wheel speed / largest wheel speed)^2 over the samples [s].
+
+    By Simpson's rule, corrected by the derivatives at the ends of intervals: exact for rigid
+    motion, else to 1e-7. Intervals are cut where soft segments bend.
+    """
+    samples, robot, moving = trajectory.samples, trajectory.problem.robot, trajectory.driven
+    t_s = samples.t_s
+    fine, at = between(samples, np.where(samples.mode[:-1].any(axis=1), _CUT, np.inf), least=0)
+    if len(fine) > len(samples):
+        since, t_s = (fine.t_s - samples.t_s[at])[:, None], fine.t_s
+        s = (samples.v[at] + samples.a[at] * since / 2) * since
+        q = flown(robot, samples.q[at], s, samples.mode[at])
+        moving = driven(robot, q, fine.v, fine.a, np.append(np.diff(t_s), 0.0), fine.mode)
+    lasting = np.append(np.diff(t_s), 0.0)[moving.rows]
+    squares = (moving.wheel_rad_s**2).sum(axis=2)
+    growth = 2 * (moving.wheel_rad_s * moving.wheel_rad_s2).sum(axis=2)
+    mean = (7 * squares[0] + 16 * squares[1] + 7 * squares[2]) / 30
+    mean += lasting * (growth[0] - growth[2]) / 60
+    return float(mean @ lasting) / robot.limits.wheel_speed_rad_s**2
+
+
+def energy_J(trajectory: Trajectory) -> float:
+    """Heat that the sampled currents give off in all coils [J]."""
+    problem, t = trajectory.problem, trajectory.samples.t_s
+    currents = trajectory.samples.heater_current_A
+    if not problem.transition_times.needs_segment:
+        squares = np.diff(t) @ currents[:-1] ** 2
+        return problem.robot.heater.resistance_ohm * float(squares.sum())
+    total = 0.0
+    for model, states, own in zip(
+        problem.segment_models, trajectory.metal, currents.T, strict=True
+    ):
+        turns = [0, *(np.flatnonzero(np.diff(own[:-1])) + 1).tolist(), len(t) - 1]
+        for begin, end in itertools.pairwise(turns):
+            if own[begin]:
+                state = tuple(float(values[begin]) for values in states)
+                lasting = float(t[end] - t[begin])
+                total += model.energy_J(state, float(own[begin]), lasting)
+    return total

@@ -15,9 +15,8 @@ from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.installation import require
-from twosra_mpc.planning.conclusion import Progress
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
-from twosra_mpc.planning.planner import plan_until_interrupted
+from twosra_mpc.planning.planner import Progress, plan_until_interrupted
 from twosra_mpc.plans.plan import Plan, Status, above_bound, as_confirmed
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints

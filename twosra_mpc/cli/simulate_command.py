@@ -148,9 +148,9 @@ def _print_run(simulation: Simulation) -> None:
 
 def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
     """Rows about a mission's tasks and objects."""
-    if not problem.is_mission:
-        return []
-    rows = [("tasks done", f"{found.tasks_done} of {len(problem.tasks)}")]
+    rows = list[tuple[str, str]]()
+    if any(task.rests for task in problem.tasks):
+        rows.append(("tasks done", f"{found.tasks_done} of {len(problem.tasks)}"))
     if found.object_m is not None:
         turned = f", {math.degrees(found.object_rad or 0.0):z.2f} degrees"
         rows.append(("true error of objects", f"{1e3 * found.object_m:z.2f} mm{turned}"))

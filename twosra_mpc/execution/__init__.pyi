@@ -22,12 +22,4 @@ from twosra_mpc.execution.simulation.simulate import Simulation as Simulation
 from twosra_mpc.execution.simulation.simulate import Spread as Spread
 from twosra_mpc.execution.simulation.simulate import simulate as simulate
 from twosra_mpc.execution.simulation.simulate import spread as spread
-from twosra_mpc.model.markers import Calibration as Calibration
-from twosra_mpc.model.markers import Marker as Marker
-from twosra_mpc.model.markers import Markers as Markers
-from twosra_mpc.model.markers import Sighting as Sighting
-from twosra_mpc.model.markers import calibrated_markers as calibrated_markers
-from twosra_mpc.model.markers import configuration_by_markers as configuration_by_markers
-from twosra_mpc.model.markers import load_markers as load_markers
-from twosra_mpc.model.markers import marker_poses as marker_poses
 from twosra_mpc.robot.accuracy import Accuracy as Accuracy

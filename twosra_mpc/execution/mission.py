@@ -44,7 +44,8 @@ class Mission:
     def __init__(self, belief: Belief, patience: Patience, plan: Plan) -> None:
         """Begin with a plan of all tasks."""
         self.belief, self._patience, self.problem = belief, patience, plan.problem
-        self.rests, self.done_s = plan.problem.is_mission, list[float]()
+        tasks, self.done_s = self.problem.tasks, list[float]()
+        self.rests = bool(self.problem.objects) or any(task.rests for task in tasks)
         self.lost: Counter[str] = Counter()
         self.trouble = ""
         self._goals: dict[str, Carry] = {}

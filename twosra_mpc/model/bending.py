@@ -23,7 +23,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Body, Robot
+from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import Mode, soft_segments
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -331,9 +331,10 @@ def _by_speed_s(
     return from_rest_to_rest(at_speed, _unit_ramp_s(body))
 
 
-def bending(robot: Robot) -> Bending:
-    """Describe how ``robot`` bends."""
-    return Bending(robot.body)
+@per_body()
+def bending(body: Body) -> Bending:
+    """Describe how a robot bends."""
+    return Bending(body)
 
 
 @per_body(8)

@@ -3,7 +3,7 @@
 The kinematics is driftless, so an interval is described by its input displacement s = v h alone
 ([s1, s2, su, sv, sr] in m, m, m, m, rad): q+ depends on s, not on how fast it is travelled.
 
-So a motion has no clock. ``problem.limits.interval_durations`` gives the fastest way to travel it,
+So a motion has no clock. ``problem.speeds.interval_durations`` gives the fastest way to travel it,
 and the temporal network decides when.
 """
 

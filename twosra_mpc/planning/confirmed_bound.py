@@ -8,7 +8,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.effort import limited
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
-from twosra_mpc.planning.stages.variants import Ways
+from twosra_mpc.planning.stages.variants import ways_of
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.timing.thermal import confirmed_model
@@ -30,7 +30,7 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
         return None
     if any(problem.cost_weights.model_dump().values()):
         return None
-    if problem.is_mission or problem.obstacles:
+    if problem.obstacles or problem.objects or len(problem.stages) > 1:
         exact = model.problem is problem and problem.transition_quantile is None
         return min(known, duration_s) if exact else None
 
@@ -41,7 +41,7 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
     steps = iter(range(_STEPS))
     with limited(problem.work_limit, problem.time_limit_s):
         search: SearchResult[None] = branch_and_bound(
-            stage_tree(model.problem, Ways(model.problem).variants(), none, timing=model),
+            stage_tree(model.problem, ways_of(model.problem).variants, none, timing=model),
             gap=problem.gap,
             out_of_time=lambda: next(steps, None) is None,
             on_progress=lambda *_: None,

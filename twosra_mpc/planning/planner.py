@@ -1,4 +1,7 @@
-"""``plan(problem)``: join the search over mode sequences with the fixed-sequence solver."""
+"""``plan(problem)``: the search over mode sequences, the solver of one, and what they conclude.
+
+A plan is made gentler where that costs no more; a result says what is known, and what to change.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +10,40 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.effort import Ending, OutOfEffortError, lend_overtime, limited, out_of_effort, spent
-from twosra_mpc.errors import PlanInterrupted
-from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.conclusion import (
-    STOPPED,
-    Progress,
-    advice,
-    as_asked,
-    conclude,
-    nothing_found,
+from twosra_mpc.effort import (
+    Ending,
+    OutOfEffortError,
+    lend_overtime,
+    limit_reached,
+    limited,
+    out_of_effort,
+    spent,
 )
+from twosra_mpc.errors import ContradictionError, PlanInterrupted
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed, verified
+from twosra_mpc.planning.solver.gentle import gentle
 from twosra_mpc.planning.solver.sequence_solver import SequenceSolver, Solved, checked, trusted
-from twosra_mpc.planning.stages.variants import Variant, Ways
-from twosra_mpc.plans.plan import Status
+from twosra_mpc.planning.stages.variants import Variant, ways_of
+from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import forgiven
-from twosra_mpc.robot.modes import ModeSequence
+from twosra_mpc.problem.tasks import MOST_PHASES
+from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import ModeSequence, mode_name
 from twosra_mpc.timing import transition_model
 
 if TYPE_CHECKING:
@@ -46,6 +53,34 @@ _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
+
+
+@public
+class Progress(NamedTuple):
+    """State of a running search.
+
+    Attributes:
+        cost: Of the incumbent [s]; infinite before there is one.
+        lower_bound: Proved lower bound on the cost of any plan [s].
+    """
+
+    cost: float
+    lower_bound: float
+
+
+_STOPPED = {
+    Ending.LIMIT: "a limit was reached",
+    Ending.INTERRUPTED: "interrupted",
+    Ending.CLOSED: "none is better than one that is known",
+}
+
+
+def _advice(ending: Ending) -> str:
+    """Advice after a search that was stopped."""
+    stopped_by = limit_reached()
+    if ending is Ending.INTERRUPTED or stopped_by is None:
+        return "run again to continue the search"
+    return f"raise {stopped_by}"
 
 
 @public
@@ -73,15 +108,46 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
 
 
 def plan_until_interrupted(
-    problem: Problem, *, on_progress: Callable[[Progress], None] | None = None
+    problem: Problem,
+    *,
+    on_progress: Callable[[Progress], None] | None = None,
+    excluded: frozenset[ModeSequence] = frozenset(),
+    than_s: float = math.inf,
+    worth_s: float = 0.0,
 ) -> Result:
-    """Plan as ``plan`` does, but at Ctrl-C return the best plan so far."""
-    return _within_limits(problem, lambda: _plan(problem, on_progress))
+    """Plan as ``plan`` does, but at Ctrl-C return the best plan so far.
 
+    Args:
+        problem: The problem.
+        on_progress: Called as the search proceeds.
+        excluded: Mode sequences that are not to be used.
+        than_s: Cost of a plan that is known, the first incumbent: where no bound is below it by
+            more than ``worth_s``, nothing is solved, and the result has a bound and no plan.
+        worth_s: What is better by no more than that is not looked for.
 
-def plan_without(problem: Problem, excluded: frozenset[ModeSequence]) -> Result:
-    """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
-    return _within_limits(problem, lambda: _search(problem, excluded))
+    Raises:
+        InputError: As ``plan`` does.
+    """
+    started = time.perf_counter()
+    with limited(problem.work_limit, problem.time_limit_s):
+        try:
+            check_shapes(problem)
+            check_workspace(problem)
+            if problem.obstacles or problem.objects or problem.tasks:
+                from twosra_mpc.planning.stages.checks import check_around  # no one else waits
+
+                check_around(problem)
+            if problem.planner == "greedy":
+                return plan_greedily(problem)
+            return _search(problem, excluded, on_progress, than_s, worth_s)
+        except OutOfEffortError:  # before, or after, the search
+            ending = Ending.LIMIT
+        except KeyboardInterrupt:
+            ending = Ending.INTERRUPTED
+        message = f"{_nothing_found(problem)} ({_STOPPED[ending]}): {_advice(ending)}"
+        stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
+    how = problem.planner, Status.FAILED, message, None, ending
+    return Result(problem, *how, stats, None)
 
 
 def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
@@ -89,67 +155,29 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
 
     Args:
         problem: What is left of another.
-        than_s: Cost of a plan that is known, the first incumbent: where no bound is below it by
-            more than that, nothing is solved, and the result has a bound and no plan.
+        than_s: Cost of a plan that is known.
 
     Raises:
         InputError: As ``plan`` does.
         PlanInterrupted: At Ctrl-C.
     """
-    result = _within_limits(problem, lambda: _plan(problem, None, than_s, _WORTH_S))
+    result = plan_until_interrupted(problem, than_s=than_s, worth_s=_WORTH_S)
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result
 
 
-def _within_limits(problem: Problem, make: Callable[[], Result]) -> Result:
-    """A result, or that its effort was over before, or after, the search."""
-    started = time.perf_counter()
-    with limited(problem.work_limit, problem.time_limit_s):
-        try:
-            return make()
-        except OutOfEffortError:
-            ending = Ending.LIMIT
-        except KeyboardInterrupt:
-            ending = Ending.INTERRUPTED
-        message = f"{nothing_found(problem)} ({STOPPED[ending]}): {advice(ending)}"
-        stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-    how = problem.planner, Status.FAILED, message, None, ending
-    return Result(problem, *how, stats, None)
-
-
-def _plan(
-    problem: Problem,
-    on_progress: Callable[[Progress], None] | None,
-    than_s: float = math.inf,
-    worth_s: float = 0.0,
-) -> Result:
-    check_shapes(problem)
-    check_workspace(problem)
-    if problem.obstacles or problem.objects:
-        from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
-
-        check_obstacles(problem)
-    if problem.is_mission:
-        from twosra_mpc.planning.stages.checks import check_mission
-
-        check_mission(problem)
-    if problem.planner == "greedy":
-        return plan_greedily(problem)
-    return _search(problem, frozenset(), on_progress, than_s, worth_s)
-
-
 def _search(
     problem: Problem,
     excluded: frozenset[ModeSequence],
-    on_progress: Callable[[Progress], None] | None = None,
-    than_s: float = math.inf,
-    worth_s: float = 0.0,
+    on_progress: Callable[[Progress], None] | None,
+    than_s: float,
+    worth_s: float,
 ) -> Result:
     """Stages, their variants, their tree and its bounds, the solver: a result."""
-    started, ways = time.perf_counter(), Ways(problem)
-    if not (variants := ways.variants()):
-        why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
+    started, (variants, refused) = time.perf_counter(), ways_of(problem)
+    if not variants:
+        why = "; ".join(dict.fromkeys(refused)) or "no direction that may be used is left"
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
         how = "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED
         return Result(problem, *how, stats, None)
@@ -157,14 +185,14 @@ def _search(
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
     solver: SequenceSolver | Placer = SequenceSolver(variants, checked if inside else trusted)
-    passes = any(stage.through for stage in problem.stages())
+    passes = any(stage.through for stage in problem.stages)
     if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 
         solver = Placer(variants)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
-    aimed, narrower = tree, [variant.aimed() for variant in variants]
-    if narrower != list(variants):
+    aimed, narrower = tree, tuple(variant.aimed for variant in variants)
+    if narrower != variants:
         aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,
@@ -172,7 +200,7 @@ def _search(
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
-        look=lambda: None if tree.nodes.only else _look(aimed),
+        look=lambda: None if tree.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=_confirmed,
         worth=worth_s,
@@ -186,7 +214,7 @@ def _search(
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
-    return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
+    return _conclude(variants[0].problem if tree.only else problem, result, tree, stats)
 
 
 def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
@@ -212,11 +240,11 @@ def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
     few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
 
     def short(node: Node) -> list[Node]:
-        leaps = tree.nodes.leaps(node)
+        leaps = tree.leaps(node)
         return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
     found = dive(tree, short, **few, out_of_time=out_of_effort)
-    return found or dive(tree, tree.nodes.leaps, **few, out_of_time=out_of_effort)
+    return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
 
 
 def _rest(variants: Sequence[Variant]) -> Result | None:
@@ -235,3 +263,120 @@ def _rest(variants: Sequence[Variant]) -> Result | None:
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0, spent(), spent())
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
+
+
+def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
+    """The outcome with a gentler plan if that costs no more than asked, unless stopped."""
+    if (found := search.solution) is None or not found.problem.drives_gently:
+        return search
+    try:
+        return replace(search, solution=_gentler(found, search.lower_bound))
+    except KeyboardInterrupt:
+        return replace(search, ending=Ending.INTERRUPTED)
+    except OutOfEffortError:
+        early = search.ending is Ending.INTERRUPTED
+        return search if early else replace(search, ending=Ending.LIMIT)
+
+
+def _gentler(found: Solved, lower_bound: float) -> Solved:
+    """Plan that was found, or a gentler one of its sequence that costs no more than asked."""
+    problem = found.problem
+    within = (1 - 2 * ROUNDING) * lower_bound / (1 - problem.gap)
+    most = limit = max(found.cost, within)
+    for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
+        candidate = gentle(problem, found.candidate, found.network, most)
+        if candidate is None:
+            break
+        slower = replace(found, candidate=candidate, fastest_cost=found.cost, plan=None).with_plan()
+        assert slower.plan is not None, "it was made just now"
+        cost = slower.plan.cost.total
+        if cost <= (1 + ROUNDING) * limit and slower.verifies:
+            return slower
+        most -= 2 * abs(cost - limit)
+    return found
+
+
+def _quality(made: Plan, ending: Ending) -> str:
+    """Message about a plan that was found; empty where it says itself that it is optimal."""
+    if made.status is Status.OPTIMAL:
+        return ""
+    if ending is Ending.EXHAUSTED:
+        alone = len(made.problem.stages) == 1
+        phases = (
+            f"max_phases = {made.problem.max_phases}" if alone else f"{MOST_PHASES} phases a task"
+        )
+        tried = f"no mode sequence of up to {phases} is left to try"
+        elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
+        return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
+    or_gap = " or gap" if ending is Ending.LIMIT else ""
+    return f"{made}; {_STOPPED[ending]}: {_advice(ending)}{or_gap}"
+
+
+def _at_most_cost(lower: float, made: Plan) -> float:
+    """A lower bound of a search, which knows its plan's energy and effort by their quadrature.
+
+    Raises:
+        ContradictionError: If it is above the plan's cost by more than that.
+    """
+    cost, weights = made.cost, made.problem.cost_weights
+    inexact = weights.energy_s_per_J * cost.energy_J + weights.effort * (cost.effort_s or 0.0)
+    if lower > cost.total * (1 + ROUNDING) + QUADRATURE_TOLERANCE * inexact:
+        raise ContradictionError(cost.total, lower)
+    return min(lower, cost.total)
+
+
+def _conclude(
+    problem: Problem, search: SearchResult[Solved], tree: Tree[Solved], stats: Stats
+) -> Result:
+    """Turn the outcome of the search into a result with a true status and a useful message."""
+    lower = search.lower_bound if math.isfinite(search.lower_bound) else None
+    ending, made = search.ending, None
+    if search.solution is not None and search.solution.plan is not None:
+        made = search.solution.plan
+        lower = None if lower is None else _at_most_cost(lower, made)
+        made = replace(made, lower_bound=lower)
+        problem, status, message = made.problem, made.status, _quality(made, ending)
+    elif (proof := _proof(problem, search, tree)) is not None:
+        status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
+        lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
+    else:
+        status, message = Status.FAILED, _failure(problem, search, tree)
+    return Result(problem, "optimal", status, message, lower, ending, stats, made)
+
+
+def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
+    """Proof that there is no plan at all, in words; None where that is not proved."""
+    blocks = tree.in_the_way[0][0].blocks if tree.only else lambda _: None
+    proof = blocks(None) or impossibility(tree)
+    if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
+        proof = blocks((problem.robot.rigid,)) or disproof(tree)
+    return proof
+
+
+def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str:
+    """Reason why no plan was found although one may exist, and what to change."""
+    none = _nothing_found(problem)
+    if (ending := search.ending) is not Ending.EXHAUSTED:
+        limit = limit_reached() or "work_limit"
+        effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
+        return f"{none} ({_STOPPED[ending]}): {_advice(ending)} ({effort})"
+    tried = f"{none} ({search.solved} mode sequences tried)"
+    if tree.only is None:
+        return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
+    if search.solved == 0:
+        return f"{tried}: {too_few_phases(tree)}"
+    rigid = problem.robot.rigid
+    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
+        only = f"without mode {mode_name(rigid)} the pose changes only by bending"
+        return f"{tried}: {only}: add {mode_name(rigid)} to modes"
+    inside = problem.workspace is not None or problem.obstacles
+    wider = "the workspace" if inside else "the goal's tolerance"
+    return f"{tried}: raise max_phases, allow more modes, or widen {wider}"
+
+
+def _nothing_found(problem: Problem) -> str:
+    """Message that there is no plan."""
+    if len(problem.stages) > 1:
+        return "no plan of these tasks found"
+    within = "" if problem.workspace is None else " within the workspace"
+    return f"no plan found{' among the obstacles' if problem.obstacles else within}"

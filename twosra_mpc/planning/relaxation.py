@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from twosra_mpc.effort import remembered
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
@@ -18,22 +19,20 @@ from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.planning.bounds.rigid_motion import least_time
 from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
-from twosra_mpc.planning.search.nodes import InTheWay, Nodes
+from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
-from twosra_mpc.problem.limits import (
-    CURVATURE,
+from twosra_mpc.problem.limits import CURVATURE, most_gaps_m, overlap_in_words
+from twosra_mpc.problem.problem import Alone, Problem, Start
+from twosra_mpc.problem.speeds import (
     interval_durations,
-    most_gaps_m,
-    overlap_in_words,
     rigid_ramp_s,
     rigid_rows,
     rigid_rows_between,
 )
-from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -67,7 +66,8 @@ def stage_tree(
         timing: The transition model, if it is not the problem's.
     """
     return tree_of(
-        Nodes([stage_bounds(each) for each in variants], problem.start_stiffness),
+        [stage_bounds(each) for each in variants],
+        problem.start_stiffness,
         timing or transition_model(problem),
         problem.cost_weights,
         relaxation(problem),
@@ -102,6 +102,7 @@ def relaxation(problem: Problem) -> StageRelaxation:
     )
 
 
+@remembered(64)  # of a few problems, each with a few variants
 def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
     """Bounds of each stage, for all members of a variant."""
     problem, members = variant.problem, variant.members

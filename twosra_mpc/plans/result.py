@@ -68,7 +68,7 @@ class Result(ArrayValue):
         problem: The problem (robot included).
         planner: "optimal" or "greedy".
         status: What is known.
-        message: One sentence a person can act on.
+        words: What was found, in words; empty where the plan says it itself.
         lower_bound: Proved lower bound on the cost of any plan [s]; None if there is none.
         ending: Why the search ended; None without a search, or where a file does not say.
         stats: Effort spent.
@@ -80,12 +80,17 @@ class Result(ArrayValue):
     problem: Problem
     planner: str
     status: Status
-    message: str
+    words: str
     lower_bound: float | None
     ending: Ending | None
     stats: Stats
     plan: Plan | None
     certificate: dict[str, Any] | None = None
+
+    @property
+    def message(self) -> str:
+        """One sentence a person can act on."""
+        return self.words or str(self.plan or "")
 
     @property
     def found(self) -> bool:
@@ -290,7 +295,7 @@ def _result(data: PlanDocument, source: str) -> Result:
         problem=problem,
         planner=data.planner,
         status=data.status,
-        message=data.message,
+        words=data.message,
         lower_bound=data.lower_bound_s,
         ending=data.ending or early,
         stats=data.stats,

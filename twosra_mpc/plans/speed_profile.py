@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, wheel_speeds
-from twosra_mpc.problem.limits import interval_durations, least_times_and_turns
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import interval_durations, least_times_and_turns
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 from twosra_mpc.robot.description import Robot

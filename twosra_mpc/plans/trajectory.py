@@ -21,8 +21,8 @@ from twosra_mpc.model import flow
 from twosra_mpc.model.flow import screws
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_modes
-from twosra_mpc.problem.driven import Driven, driven
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import Driven, driven
 from twosra_mpc.problem.tasks import Pass, Stage, Task
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -389,7 +389,7 @@ def stretches(trajectory: Trajectory) -> tuple[Stretch, ...]:
     if not trajectory.problem.tasks:
         return ()
     spans = pairwise((0.0, *trajectory.done_s, trajectory.duration_s))
-    each = zip(trajectory.problem.stages(), spans, strict=False)  # not all have a goal at the end
+    each = zip(trajectory.problem.stages, spans, strict=False)  # not all have a goal at the end
     return tuple(Stretch(stage, *span) for stage, span in each)
 
 

@@ -110,19 +110,14 @@ def may_drive(problem: Problem | Alone, sequence: ModeSequence) -> tuple[bool, .
     The shape of the first rigid phase is the start's, of the last one the goal's; in between it is
     not known beforehand, and the answer is True.
     """
-
-    def allowed(phase: int) -> bool:
-        if not is_rigid(sequence[phase]):
-            return True
+    usable = [True] * len(sequence)
+    for phase in (i for i, mode in enumerate(sequence) if is_rigid(mode)):
         before = all(map(is_rigid, sequence[:phase]))
-        after = all(map(is_rigid, sequence[phase:]))
         shape = (problem.start if before else problem.goal).configuration[POSE:]
-        loose = not before and not exact(problem.goal)
-        if not (before or after) or loose or np.isnan(shape).any():
-            return True
-        return bool(limits.may_drive_in(problem.robot, shape).all())
-
-    return tuple(allowed(phase) for phase in range(len(sequence)))
+        known = before or (all(map(is_rigid, sequence[phase:])) and exact(problem.goal))
+        if known and not np.isnan(shape).any():
+            usable[phase] = bool(limits.may_drive_in(problem.robot, shape).all())
+    return tuple(usable)
 
 
 _MOST = 4096  # boxes of a size; where more are left, nothing is proved

@@ -240,27 +240,26 @@ class Goal(GoalSet):
 
     def aim(self, q: Array) -> Array:
         """The middle of the box, free coordinates as in ``q``, shape (3 + n,)."""
-        middle = self._turned_to(self._sized("q", q))
+        middle = self._turned_to("q", q)
         return np.where(np.isnan(middle), q, middle)
 
     def box(self, near: Array) -> tuple[Array, Array]:
         """Ends of the box, infinite where free, headings turned next to that of ``near``."""
-        middle = self._turned_to(self._sized("near", near))
+        middle = self._turned_to("near", near)
         free = np.isnan(middle)
         width = np.where(free, np.inf, self.half_width)
         middle[free] = 0.0
         return middle - width, middle + width
 
-    def _turned_to(self, q: Array) -> Array:
+    def _turned_to(self, name: str, q: Array) -> Array:
         """The middle of the box with its heading within half a turn of that of ``q``."""
-        middle = self.configuration.copy()
+        q, middle = (
+            check_size(name, q, len(self.configuration), "q", True),
+            self.configuration.copy(),
+        )
         if self.phi_modulo and math.isfinite(q[2] - middle[2]):
             middle[2] = q[2] + math.remainder(middle[2] - q[2], math.tau)
         return middle
-
-    def _sized(self, name: str, q: Array) -> Array:
-        """``q``, checked to be one of a robot with as many segments."""
-        return check_size(name, q, POSE + len(self.kappa_per_m), "q", True)
 
     def loosened(self, widths: Array) -> Goal:
         """Return the goal with tolerances wider by ``widths`` (3 + n,), or narrower, down to 0."""
@@ -272,11 +271,12 @@ class Goal(GoalSet):
 
         Not a number where ``q`` is not finite.
         """
-        difference = self._sized("q", q) - self.configuration
+        middle = self.configuration
+        difference = check_size("q", q, len(middle), "q", True) - middle
         if self.phi_modulo and math.isfinite(difference[2]):
             difference[2] = math.remainder(difference[2], math.tau)
         outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)
-        return np.where(np.isnan(self.configuration), 0.0, outside)
+        return np.where(np.isnan(middle), 0.0, outside)
 
 
 def inner_goal(robot: Robot, goal: GoalSet) -> GoalSet:

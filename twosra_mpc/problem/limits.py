@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.flow import Motion
-from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import kinematics, wheel_independence
+from twosra_mpc.model.kinematics import wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
-from twosra_mpc.model.rows import by_modes, by_rows
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.model.self_collision import FAR_M, self_collision
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import (
@@ -28,10 +26,9 @@ from twosra_mpc.problem.tolerances import (
     RATE_TOLERANCE,
     ROUNDING_M,
 )
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
-from twosra_mpc.robot.modes import is_rigid
 
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
@@ -103,10 +100,6 @@ class SpeedLimit(Limit):
     def most(self, robot: Robot | Body) -> float:
         """The limit itself."""
         return float(getattr(robot.body.limits, self.name))
-
-    def limits(self, robot: Robot | Body) -> bool:
-        """True if the robot has this limit."""
-        return getattr(robot.body.limits, self.name) is not None
 
 
 def settled(margin: float, limit: float) -> float:
@@ -311,173 +304,3 @@ def workspace_margins(problem: Problem | Alone, q: Array) -> Array:
     within[:, -own:] -= arc[:, None]
     margins: Array = within.min(axis=1)
     return np.where(np.abs(margins) <= ROUNDING_M, 0.0, margins)
-
-
-# Motions.
-
-
-def speed_limits(robot: Robot | Body) -> tuple[SpeedLimit, ...]:
-    """The speed limits that a robot has."""
-    return tuple(limit for limit in SPEED_LIMITS if limit.limits(robot))
-
-
-@per_body()
-def speed_function(body: Body) -> ca.Function:
-    """(q, s, sigma) -> for each speed limit the least time [s] that it leaves to a displacement.
-
-    Each is a vector of signed times, of which the largest absolute value counts.
-    """
-    segments = body.geometry.segments
-    q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
-    sigma = ca.SX.sym("sigma", segments)
-    jacobian, wheels = kinematics(body).shared(q, sigma)
-    times = _shares(body, s, jacobian @ s, wheels @ s)
-    return ca.Function("least_times", [q, s, sigma], times)
-
-
-@per_body()
-def motion_function(body: Body) -> ca.Function:
-    """(q, v, a, b, sigma) -> shares of each speed limit, signed, d/dt V v [rad/s2] twice, and q'.
-
-    Of v' = a, and of v' = b.
-    """
-    segments = body.geometry.segments
-    q, v, sigma = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("s", segments)
-    rates = [ca.SX.sym(name, INPUTS) for name in ("a", "b")]
-    jacobian, wheels = kinematics(body).shared(q, sigma)  # once: what all share is written once
-    moved, turned = jacobian @ v, wheels @ v
-    bending = ca.jtimes(turned, q, moved)
-    turning = [ca.densify(wheels @ rate + bending) for rate in rates]
-    told = [*_shares(body, v, moved, turned), *turning, ca.densify(moved)]
-    return ca.Function("motion", [q, v, *rates, sigma], told)
-
-
-def _shares(body: Body, s: ca.SX, moved: ca.SX, turned: ca.SX) -> list[ca.SX]:
-    """Shares of the speed limits that an input displacement takes, signed; ``moved`` is J s."""
-    limits = speed_limits(body)
-    return [ca.densify(each.travel(body, s, moved, turned) / each.most(body)) for each in limits]
-
-
-def least_times_and_turns(
-    robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]
-) -> tuple[Array, Array]:
-    """Least times of input displacements within the speed limits, row by row at q, (m,) [s].
-
-    And how far each wheel turns, (m, 4) [rad].
-    """
-    signed = by_modes(speed_function(robot), q, s, mode)
-    turns = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
-    return np.abs(np.hstack(signed)).max(axis=1), turns
-
-
-def interval_durations(motion: Motion) -> Array:
-    """Least time of each interval within the speed limits, (phases, intervals) [s].
-
-    Speeds are taken at the start, in the middle and at the end of an interval.
-    """
-    phases, intervals, _ = motion.inputs.shape
-    size = motion.states.shape[2]
-    before = motion.states[:, :-1].reshape(-1, size)
-    after = motion.states[:, 1:].reshape(-1, size)
-    s = motion.inputs.reshape(-1, INPUTS)
-    modes = np.repeat(np.array(motion.sequence), intervals, axis=0)
-    places = (before, (before + after) / 2, after)
-    given = np.concatenate(places), np.tile(s, (3, 1)), np.tile(modes, (3, 1))
-    times, _ = least_times_and_turns(motion.robot, *given)
-    return times.reshape(3, phases, intervals).max(axis=0)
-
-
-def shapes_allowed(motion: Motion, still: float) -> bool:
-    """True if a motion takes no forbidden shape, and drives in none that is forbidden to drive in.
-
-    Rigid phases that move less than ``still`` [m or rad] in every interval do not drive.
-    """
-    kappa = motion.states[:, :, POSE:]
-    between = (kappa[:, 1:] + kappa[:, :-1]) / 2
-    bends = ~np.array([is_rigid(mode) for mode in motion.sequence])
-    visited = [shapes.reshape(-1, kappa.shape[2]) for shapes in (kappa[bends], between[bends])]
-    moved = np.abs(motion.inputs).max(axis=(1, 2)) > still
-    drives = [is_rigid(mode) and far for mode, far in zip(motion.sequence, moved, strict=True)]
-    if broken_by_shapes(motion.robot, np.concatenate([kappa[:, 0], *visited])) is not None:
-        return False
-    return bool(may_drive_in(motion.robot, kappa[drives, 0]).all()) if any(drives) else True
-
-
-def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
-    """Rows M (m, 3): abs(M xi) <= 1 for every body twist xi = (u, v, r) within the speed limits.
-
-    What a limit overstates is taken off, so that bounds hold for the limit itself.
-
-    Args:
-        robot: The robot.
-        kappa: The shape it drives in, (n,) [1/m].
-    """
-    return rigid_rows_between(robot, kappa, kappa)[0]
-
-
-def drive_rows(robot: Robot, kappa: ArrayLike) -> tuple[Array, Array]:
-    """Rows M (m, 3) and V (4, 3) of what a rigid drive takes in a plan, for a body twist xi.
-
-    At full speed it takes max(abs(M xi)) [s], and the wheels turn by V xi [rad].
-
-    Args:
-        robot: The robot.
-        kappa: The shape it drives in, (n,) [1/m].
-    """
-    q = np.tile(np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)]), (3, 1))
-    signed = by_rows(speed_function(robot), q, np.eye(INPUTS)[2:], np.zeros_like(q[:, POSE:]))
-    wheels = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
-    return np.hstack(signed).T, wheels.T
-
-
-def rigid_rows_between(robot: Robot, least: ArrayLike, most: ArrayLike) -> tuple[Array, Array]:
-    """Rows as of ``rigid_rows`` in the middle of a box of shapes, and how far off they are in it.
-
-    Args:
-        robot: The robot.
-        least: Least curvatures of the box, (n,) [1/m].
-        most: Largest.
-    """
-    corners = np.array([least, most], dtype=float)
-    rows = _rigid_rows(robot)(np.pad(corners.mean(axis=0), (POSE, 0))).full()
-    off = np.zeros_like(rows)
-    if (corners[0] < corners[1]).any():
-        ends = enclose(_rigid_rows(robot), *np.pad(corners, ((0, 0), (POSE, 0)))[:, :, None])
-        off = np.max([np.abs(e.reshape(rows.shape, order="F") - rows) for e in ends], axis=0)
-    kept = np.abs(rows).max(axis=1) > 0
-    return rows[kept], off[kept]
-
-
-@per_body()
-def _rigid_rows(body: Body) -> ca.Function:
-    q, twist = ca.SX.sym("q", POSE + body.geometry.segments), ca.SX.sym("twist", 3)
-    rigid = ca.DM.zeros(body.geometry.segments)
-    stated = speed_function(body)(q, ca.vertcat(0, 0, twist), rigid)
-    limits = speed_limits(body)
-    times = ca.vertcat(*(t / b.overstated for t, b in zip(stated, limits, strict=True)))
-    return ca.Function("rigid_rows", [q], [ca.densify(ca.jacobian(times, twist))])
-
-
-def rigid_ramp_s(robot: Robot, kappa: ArrayLike) -> float:
-    """Least time in which a rigid drive gets from rest to full speed, 0 without such a limit [s].
-
-    Wheel speeds omega = V xi grow at most by a, so a row m = c V of ``rigid_rows`` by |c|_1 a. V
-    has one row more than columns: the c of a row are a line, and |c|_1 is least where one is zero.
-    """
-    most = robot.limits.wheel_acceleration_rad_s2
-    if most is None:
-        return 0.0
-    q = np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)])
-    wheels = kinematics(robot).wheel_matrix(q, robot.rigid).full()[:, 2:]
-    some, kept = rigid_rows(robot, kappa) @ np.linalg.pinv(wheels), np.linalg.svd(wheels)[0][:, 3]
-    without = [some - np.outer(some[:, i] / kept[i], kept) for i in np.flatnonzero(kept)]
-    growth = np.min([np.abs(c).sum(axis=1) for c in (some, *without)], axis=0)
-    return float(1 / (most * growth.max()))
-
-
-def shares_used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[Array]:
-    """Share of each speed limit that inputs (m, 5) use at configurations (m, 3 + n), each (k, m).
-
-    A limit may be one of several things: its share is then the largest of them.
-    """
-    return [np.abs(share.T) for share in by_rows(speed_function(robot), q, v, mode)]

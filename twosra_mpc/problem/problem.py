@@ -410,11 +410,14 @@ class Problem(Value):
         segments = range(self.robot.coordinates.segments if self._thermal else 0)
         return tuple(segment_model(self.robot, self.ambient, j) for j in segments)
 
-    def windows(self, segment: int) -> Windows:
-        """Windows of the transitions of a segment (from 0) that has a thermal model."""
-        heater, ranges = self.robot.heater, self.robot.thermal_segment(segment).ranges
+    @cached_property
+    def windows(self) -> tuple[Windows, ...]:
+        """Windows of the transitions of each segment; none where times are constant."""
+        heater = self.robot.heater
         asked = heater.melt_current_A, heater.soft_setpoint_C, self.transition_quantile
-        return windows(self.segment_models[segment], tuple(ranges.items()), *asked)
+        ranges = (self.robot.thermal_segment(j).ranges for j in range(len(self.segment_models)))
+        pairs = zip(self.segment_models, ranges, strict=True)
+        return tuple(windows(model, tuple(own.items()), *asked) for model, own in pairs)
 
     @cached_property
     def segment_thresholds_C(self) -> tuple[tuple[float, float], ...]:
@@ -442,14 +445,10 @@ class Problem(Value):
         there = [item.at(pose) for item, pose in placed if pose is not None]
         return self.world.with_values(obstacles=(*self.obstacles, *there))
 
+    @cached_property
     def stages(self) -> tuple[Stage, ...]:
         """Stages in turn: one for each task, and one for the goal if there is one."""
         return tuple(stages_of(self.tasks, self.goal, self.modes, self.start.holding))
-
-    @property
-    def is_mission(self) -> bool:
-        """True if there is more to do than to pass boxes and to reach one goal past obstacles."""
-        return bool(self.objects) or any(task.rests for task in self.tasks)
 
     @cached_property
     def ends_anywhere(self) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.problem.limits import drive_rows
+from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot

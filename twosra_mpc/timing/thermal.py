@@ -234,7 +234,7 @@ class Thermal(TransitionModel):
             melt_current_A=heater.melt_current_A,
             soft_setpoint_C=heater.soft_setpoint_C,
             rigid_setpoint_C=heater.rigid_setpoint_C,
-            windows=self.problem.windows(segment),
+            windows=self.problem.windows[segment],
             keep_warm=warm if problem.heating == "keep_warm" and may_keep_warm else None,
         )
 

@@ -16,6 +16,7 @@ from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.solver.guess import available_inputs
 from twosra_mpc.planning.solver.multiple_shooting import state_scale
 from twosra_mpc.problem import limits
+from twosra_mpc.problem.speeds import speed_function
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
 from twosra_mpc.timing import transition_model
@@ -113,7 +114,7 @@ def state_rows(problem: Problem, states: ca.MX, arrive: ca.MX) -> list[Block]:
 
 def speed_rows(robot: Robot, q: ca.MX, s: ca.MX, modes: ca.MX, lengths: ca.MX) -> list[Block]:
     """Displacements s from q (not scaled) within the speed limits, in stages of these lengths."""
-    least_times = limits.speed_function(robot).map(s.shape[1])(q, s, modes)
+    least_times = speed_function(robot).map(s.shape[1])(q, s, modes)
     return [
         (sign * time - ca.repmat(lengths, time.shape[0], 1), -np.inf, 0.0)
         for sign in (1, -1)

@@ -17,8 +17,8 @@ from twosra_mpc.execution.robot_interface import Reading, RobotError
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.lab.serial.port import Clock, Port
 from twosra_mpc.lab.serial.robot import RATE_HZ, connected
-from twosra_mpc.problem.limits import drive_rows
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode

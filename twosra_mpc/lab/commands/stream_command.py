@@ -19,11 +19,11 @@ from twosra_mpc.cli.options import (
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.lab.commands import robot_line
+from twosra_mpc.lab.serial.markers import load_markers
 from twosra_mpc.lab.serial.port import SystemClock
 from twosra_mpc.lab.serial.pose_lines import pose_lines
 from twosra_mpc.lab.serial.robot import RATE_HZ
 from twosra_mpc.lab.serial.stream import Confirm, StreamState, check_sendable, preview, stream
-from twosra_mpc.model.markers import load_markers
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 

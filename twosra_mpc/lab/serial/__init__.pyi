@@ -1,3 +1,11 @@
+from twosra_mpc.lab.serial.markers import Calibration as Calibration
+from twosra_mpc.lab.serial.markers import Marker as Marker
+from twosra_mpc.lab.serial.markers import Markers as Markers
+from twosra_mpc.lab.serial.markers import Sighting as Sighting
+from twosra_mpc.lab.serial.markers import calibrated_markers as calibrated_markers
+from twosra_mpc.lab.serial.markers import configuration_by_markers as configuration_by_markers
+from twosra_mpc.lab.serial.markers import load_markers as load_markers
+from twosra_mpc.lab.serial.markers import marker_poses as marker_poses
 from twosra_mpc.lab.serial.robot import PoseSource as PoseSource
 from twosra_mpc.lab.serial.robot import SerialRobot as SerialRobot
 from twosra_mpc.lab.serial.robot import connected as connected

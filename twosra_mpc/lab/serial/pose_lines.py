@@ -28,7 +28,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
-from twosra_mpc.model.markers import Markers, configuration_by_markers, marker_poses
+from twosra_mpc.lab.serial.markers import Markers, configuration_by_markers, marker_poses
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 

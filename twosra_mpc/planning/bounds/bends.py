@@ -78,15 +78,15 @@ class BendingTask:
     pose: PoseTask | None
     origin_within: tuple[float, ...] | None = None
 
-    @property
+    @cached_property
     def segments(self) -> range:
         """The segments, counted from 0."""
         return range(len(self.change))
 
-    def must_bend(self, segment: int) -> bool:
-        """True if the goal asks for another curvature of ``segment`` (from 0)."""
-        low, high = self.met[segment]
-        return not low <= 0 <= high
+    @cached_property
+    def must_bend(self) -> tuple[int, ...]:
+        """Segments of which the goal asks for another curvature."""
+        return tuple(j for j, (low, high) in enumerate(self.met) if not low <= 0 <= high)
 
     @cached_property
     def met(self) -> Intervals:
@@ -102,8 +102,8 @@ def unreachable_reason(sequence: Sequence[Mode], task: BendingTask) -> str | Non
     that are only ever soft together change their W by the same amount.
     """
     soft = list(dict.fromkeys(mode for mode in sequence if any(mode)))
-    for j in task.segments:
-        if not any(mode[j] for mode in soft) and task.must_bend(j):
+    for j in task.must_bend:
+        if not any(mode[j] for mode in soft):
             names = " and ".join(mode_name(mode) for mode in dict.fromkeys(sequence))
             return f"segment {j + 1} must bend ({task.shape}) but is rigid in {names or 'no mode'}"
     for i, j in itertools.combinations(task.segments, 2):

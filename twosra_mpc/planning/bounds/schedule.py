@@ -20,12 +20,16 @@ def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array
     """Cost of a sequence as a linear function of its event times: (coefficients, constant)."""
     objective = np.zeros(network.layout.count)
     objective[network.layout.finish] = 1.0
-    constant = weights.energy_s_per_J * network.melt_energy_J
-    constant += weights.transition_s * (network.transitions)
     for since, until, power in network.holds:
         objective[until] += weights.energy_s_per_J * power
         objective[since] -= weights.energy_s_per_J * power
-    return objective, constant
+    return objective, fixed_cost(network, weights)
+
+
+def fixed_cost(network: TemporalNetwork, weights: Weights) -> float:
+    """Cost of melts and freezes besides the time they take."""
+    energy = weights.energy_s_per_J * network.melt_energy_J
+    return energy + weights.transition_s * network.transitions
 
 
 def with_durations(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:

@@ -29,9 +29,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.effort import remembered
 from twosra_mpc.planning.bounds.bends import (
     BendingTask,
     Intervals,
@@ -44,7 +46,7 @@ from twosra_mpc.planning.bounds.bends import (
 from twosra_mpc.planning.bounds.linear_program import proved_minimum
 from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, best_constraint
 from twosra_mpc.planning.bounds.pose_phases import PhaseMotions
-from twosra_mpc.planning.bounds.schedule import cost_coefficients, with_durations
+from twosra_mpc.planning.bounds.schedule import cost_coefficients, fixed_cost, with_durations
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
@@ -84,6 +86,7 @@ def sequence_bound(
     return longest_path_bound(network, bends, weights, least_durations)
 
 
+@remembered(64)  # a stage has the same with each sequence of another
 def quickest_bends(sequence: ModeSequence, task: BendingTask, weights: Weights) -> Array | None:
     """Bends that take the least time of all, where that is all that counts and they are known."""
     if weights.energy_s_per_J or weights.effort:
@@ -110,8 +113,8 @@ def longest_path_bound(
     times = with_durations(network, least_durations).earliest
     if times is None:
         return None
-    _, constant = cost_coefficients(network, weights)
-    return SequenceBound(times[network.layout.finish] + constant, np.array(times), bends)
+    cost = times[network.layout.finish] + fixed_cost(network, weights)
+    return SequenceBound(cost, np.array(times), bends)
 
 
 def pose_bound(
@@ -190,9 +193,9 @@ def _linear_program_bound(
     least_durations: Sequence[float],
     pose: PoseConstraint | None = None,
 ) -> SequenceBound | None:
-    rows = BendRows(network.sequence, task, weights)
+    rows = bend_rows(network.sequence, task, weights)
     program = Relaxation(network, weights, least_durations, rows.rates, rows.efforts)
-    rows.add_to(program)
+    program.bend(network.sequence, task, rows)
     program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}
@@ -202,45 +205,35 @@ def _linear_program_bound(
     return program.optimum()
 
 
-class BendRows:
+class BendRows(NamedTuple):
     """Rows for the bends of the first phases of a relaxation, from the start to a goal.
 
     Attributes:
         rates: Upper bound of abs(dW/dt) in each of these phases.
         efforts: Least effort times duration of each [s2]; none where effort has no weight.
+        lines: Phase -> least time of its least bend [s], what more takes a unit of W, that bend.
     """
 
-    def __init__(self, sequence: ModeSequence, task: BendingTask, weights: Weights) -> None:
-        self._sequence, self._task = sequence, task
-        self.efforts = least_efforts(sequence, task) if weights.effort else []
-        self.rates = list[float]()
-        self._lines = dict[int, tuple[float, float, float]]()
-        steps = bend_steps(sequence, task, ()) or [None] * len(sequence)
-        for i, (mode, step) in enumerate(zip(sequence, steps, strict=True)):
-            if step and (bend := step.surely) and step.least < step.most:
-                most = max(step.least, step.most, key=abs)
-                time, more = task.least_time_of_more(mode, step.before, bend, most)
-                self._lines[i] = time, more, bend
-                self.rates.append(max(1 / more, abs(bend) / time))  # which the line implies
-            else:
-                known = known_curvatures(sequence, i, task)
-                self.rates.append(task.rate(mode, known) if any(mode) else 0.0)
+    rates: list[float]
+    efforts: list[float]
+    lines: dict[int, tuple[float, float, float]]
 
-    def add_to(self, program: Relaxation) -> None:
-        """Demand that limits and goal allow the bends, and what they take at least."""
-        layout, task, sequence = program.layout, self._task, self._sequence
-        for i, (time, more, bend) in self._lines.items():
-            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
-            beyond = {layout.count + i: -math.copysign(more, bend)}
-            program.at_least(lasting | beyond, time - more * abs(bend))
-        for j in task.segments:
-            bends: dict[int, float] = {}
-            for i in (i for i, mode in enumerate(sequence) if mode[j]):
-                bends[layout.count + i] = 1.0
-                later = any(mode[j] for mode in sequence[i + 1 :])
-                low, high = task.room[j] if later else task.met[j]
-                program.at_least(bends, low)
-                program.at_least(dict.fromkeys(bends, -1.0), -high)
+
+@remembered(64)
+def bend_rows(sequence: ModeSequence, task: BendingTask, weights: Weights) -> BendRows:
+    """Bound rates, efforts and times of the bends of a sequence."""
+    rows = BendRows([], least_efforts(sequence, task) if weights.effort else [], {})
+    steps = bend_steps(sequence, task, ()) or [None] * len(sequence)
+    for i, (mode, step) in enumerate(zip(sequence, steps, strict=True)):
+        if step and (bend := step.surely) and step.least < step.most:
+            most = max(step.least, step.most, key=abs)
+            time, more = task.least_time_of_more(mode, step.before, bend, most)
+            rows.lines[i] = time, more, bend
+            rows.rates.append(max(1 / more, abs(bend) / time))  # which the line implies
+        else:
+            known = known_curvatures(sequence, i, task)
+            rows.rates.append(task.rate(mode, known) if any(mode) else 0.0)
+    return rows
 
 
 class Relaxation:
@@ -287,6 +280,22 @@ class Relaxation:
             row[column] -= value
         self._rows.append(row)
         self._limits.append(-least)
+
+    def bend(self, sequence: ModeSequence, task: BendingTask, rows: BendRows) -> None:
+        """Demand that limits and goal allow the bends of these phases, and what they take."""
+        layout = self.layout
+        for i, (time, more, bend) in rows.lines.items():
+            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
+            beyond = {layout.count + i: -math.copysign(more, bend)}
+            self.at_least(lasting | beyond, time - more * abs(bend))
+        for j in task.segments:
+            bends: dict[int, float] = {}
+            for i in (i for i, mode in enumerate(sequence) if mode[j]):
+                bends[layout.count + i] = 1.0
+                later = any(mode[j] for mode in sequence[i + 1 :])
+                low, high = task.room[j] if later else task.met[j]
+                self.at_least(bends, low)
+                self.at_least(dict.fromkeys(bends, -1.0), -high)
 
     def weigh_efforts(self) -> None:
         """Demand that efforts are at least tangents of effort over duration."""

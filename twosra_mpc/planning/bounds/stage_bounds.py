@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -19,14 +19,13 @@ import numpy as np
 from twosra_mpc.planning.bounds.bends import (
     BendingTask,
     Intervals,
-    least_durations,
     unreachable_reason,
 )
 from twosra_mpc.planning.bounds.linear_program import proved_minimum
 from twosra_mpc.planning.bounds.sequence_bound import (
-    BendRows,
     Relaxation,
     SequenceBound,
+    bend_rows,
     longest_path_bound,
     mean_bends,
     quickest_bends,
@@ -149,12 +148,6 @@ class StageBounds:
         rigid_first = sorted(self.modes, key=lambda mode: mode != self.rigid)
         return unreachable_reason(rigid_first, self.bend)
 
-    @cached_property
-    def must_bend(self) -> list[int]:
-        """Segments (from 0) that have another shape after it, as is proved."""
-        bend = self.bend
-        return [] if bend is None else [j for j in bend.segments if bend.must_bend(j)]
-
     def settled(self, sequence: ModeSequence) -> Mode:
         """Stiffness after a sequence of it."""
         return self.last if self.final and self.last is not None else sequence[-1]
@@ -175,14 +168,6 @@ class StageBounds:
         bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
         moves = self.drives_first, self.drives_last, self.drive, self.reshapes, self.least_s
         return self.modes, self.last, self.final, self.most_phases, moves, bend
-
-    def durations(self, sequence: ModeSequence) -> list[float]:
-        """Proved least durations of the phases of a sequence."""
-        bend = self.bend
-        found = [0.0] * len(sequence) if bend is None else list(least_durations(sequence, bend))
-        if sequence == (self.rigid,):
-            found[0] = max(found[0], self.drive.at_least())
-        return found
 
 
 class Way(NamedTuple):
@@ -269,41 +254,41 @@ class Together:
     def _program(self) -> SequenceBound | None:
         """The linear program: the first stage's bends from the known start, then those of all."""
         sequences, weights, relaxation = self.sequences, self.weights, self.relaxation
-        rates, efforts, told, own = list[float](), list[float](), 0, None
+        rates, efforts, told = list[float](), list[float](), 0
         if (task := self.stages[0].bend) is not None:
-            own = BendRows(sequences[0], task, weights)
-            rates, efforts, told = own.rates, own.efforts, len(sequences[0])
+            own, told = bend_rows(sequences[0], task, weights), len(sequences[0])
+            rates, efforts = own.rates, own.efforts
         later = self.network.sequence[told:]
         rates = [*rates, *(relaxation.rate(mode) if any(mode) else 0.0 for mode in later)]
         efforts = [*efforts, *[0.0] * len(later)] if weights.effort else []
         program = Relaxation(self.network, weights, self.least_durations, rates, efforts)
-        if own is not None:
-            own.add_to(program)
+        if task is not None:
+            program.bend(sequences[0], task, own)
+        ends = [0, *itertools.accumulate(map(len, sequences))]
+        stops = dict(zip(ends[1:], (stage.change for stage in self.stages), strict=True))
         for j, room in enumerate(relaxation.room() if later else ()):
-            if not self._bends(program, told, j, room):
+            if not self._bends(program, stops, told, j, room):
                 return None
         pairs = zip(self.stages, sequences, strict=True)
         moves = [moves for stage, sequence in pairs for moves in stage.moving(sequence)]
-        ends = [0, *self._ends]
         for k, stage in enumerate(self.stages, start=1):
             moving = [i for i in range(ends[k - stage.since], ends[k]) if moves[i]]
             self._comes_as_far(program, moving, stage.distance_m)
         program.weigh_efforts()
         return program.optimum()
 
-    @property
-    def _ends(self) -> Iterable[int]:
-        """Number of phases up to the end of each stage."""
-        return itertools.accumulate(map(len, self.sequences))
-
     def _bends(
-        self, program: Relaxation, told: int, segment: int, room: tuple[float, float]
+        self,
+        program: Relaxation,
+        stops: Mapping[int, Intervals],
+        told: int,
+        segment: int,
+        room: tuple[float, float],
     ) -> bool:
         """Keep the W of a segment within its room and the ends of stages; False if it cannot be.
 
-        Of so many first phases it is ``told`` already.
+        ``stops`` has the ends by the number of phases before; of the first ``told`` it is done.
         """
-        stops = {end: each.change for end, each in zip(self._ends, self.stages, strict=True)}
         bends = dict[int, float]()
         for i, mode in enumerate(self.network.sequence):
             if mode[segment]:

@@ -144,8 +144,11 @@ def _run(
         try:
             if len(search.looks) > 1:
                 search.look()
-            while search.open and not interrupts.requested:
-                if search.vain:
+            while search.queue and search.queue[0].bound < search.cost:
+                if interrupts.requested:
+                    break
+                tried = search.steps + _TRIED * search.solved
+                if not search.incumbents and tried > _PATIENCE:
                     search.look()
                 on_progress(search.cost, search.lower_bound)
                 if search.enough <= search.lower_bound:
@@ -248,20 +251,10 @@ class _Search(Generic[Node, Solution]):
         return self.incumbents[-1][0] if self.incumbents else math.inf
 
     @property
-    def open(self) -> bool:
-        """True if something in the queue may beat the incumbent."""
-        return bool(self.queue) and self.queue[0].bound < self.cost
-
-    @property
     def lower_bound(self) -> float:
         """Proved lower bound on every leaf's cost."""
         least = min(self.kept, self.queue[0].bound if self.queue else math.inf)
         return min(self.proved(least), self.cost)
-
-    @property
-    def vain(self) -> bool:
-        """True if much was opened and tried without a solution."""
-        return not self.incumbents and self.steps + _TRIED * self.solved > _PATIENCE
 
     @property
     def enough(self) -> float:

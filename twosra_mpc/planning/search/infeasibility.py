@@ -14,7 +14,6 @@ from typing import Any
 
 from twosra_mpc.planning.bounds.bends import BendingTask, bend_steps, unreachable_reason
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds
-from twosra_mpc.planning.search.nodes import Nodes
 from twosra_mpc.planning.search.tree import Tree, tree_of
 from twosra_mpc.robot.modes import (
     Mode,
@@ -36,7 +35,7 @@ def impossibility(tree: Tree[Any]) -> str | None:
     Modes that the heaters cannot bring about occur in no sequence, and the invariants of
     ``unreachable_reason`` depend on the set of modes alone. Known of a single goal.
     """
-    stage, timing = tree.nodes.only, tree.leaves.so_far.timing
+    stage, timing = tree.only, tree.leaves.so_far.timing
     if stage is None or (task := stage.bend) is None:
         return None
     if stage.last is not None and (refusal := timing.refusal((), stage.last)) is not None:
@@ -80,7 +79,7 @@ def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel)
 
 def disproof(tree: Tree[Any]) -> str:
     """Say why the only sequence that the allowed modes make is no plan."""
-    stage = tree.nodes.only
+    stage = tree.only
     if stage is None or stage.bend is None:
         return next(iter(tree.unreachable.values()), "no stage sequence is left")
     allowed = f"allowed modes are {', '.join(map(mode_name, stage.modes))}: add another mode"
@@ -94,7 +93,7 @@ def too_few_phases(tree: Tree[Any]) -> str:
 
     The rigid phases that open and close a sequence count, whether anything moves in them or not.
     """
-    stage = tree.nodes.only
+    stage = tree.only
     assert stage is not None, "of several stages more is known"
     at_least, example = stage.most_phases + 1, ""
     for length in range(at_least, at_least + _FURTHER):
@@ -126,13 +125,13 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
 
 def _shortest(tree: Tree[Any], stage: StageBounds, length: int) -> ModeSequence | None:
     """A sequence of this length that the relaxation does not disprove, the cheapest; or None."""
-    nodes, leaves = Nodes([[replace(stage, most_phases=length)]], tree.nodes.first), tree.leaves
-    known = leaves.so_far.timing, leaves.so_far.weights, leaves.relaxation
-    deeper = tree_of(nodes, *known, tree.solver, in_the_way=tree.in_the_way)
+    stages, so_far = [[replace(stage, most_phases=length)]], tree.leaves.so_far
+    known = tree.first, so_far.timing, so_far.weights, tree.leaves.relaxation
+    deeper = tree_of(stages, *known, tree.solver, in_the_way=tree.in_the_way)
     opened, found = [deeper.root()], []
     while opened:
         node = opened.pop()
-        leaf = nodes.whole(node)
+        leaf = deeper.whole(node)
         if leaf is not None and len(leaf.joined) == length:
             found.append((deeper.leaf_bound(node), leaf.joined))
         below = [child for child in deeper.children(node) if not deeper.too_deep(child)]

@@ -16,11 +16,12 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.bends import least_durations
+from twosra_mpc.planning.bounds.schedule import fixed_cost, with_durations
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way, reachable
-from twosra_mpc.planning.search.nodes import Nodes, Stages, Whole
+from twosra_mpc.planning.search.nodes import Stages, Whole
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, resting_s
 
 _LATE_S = 1e6  # later than anything that happens before a stage
@@ -48,7 +49,12 @@ class Alone:
         """Least durations of the phases of a sequence [s]."""
         key = stage.alike, sequence
         if key not in self._durations:
-            self._durations[key] = stage.durations(sequence)
+            bend, found = stage.bend, [0.0] * len(sequence)
+            if bend is not None:
+                found = list(least_durations(sequence, bend))
+            if sequence == (stage.rigid,):
+                found[0] = max(found[0], stage.drive.at_least())
+            self._durations[key] = found
         return self._durations[key]
 
     def cost(self, stage: StageBounds, begins: Mode, sequence: ModeSequence) -> float:
@@ -200,13 +206,15 @@ class SoFar:
     """Bounds of what comes first in a plan.
 
     Attributes:
-        nodes: The stages of every variant.
+        variants: The stages of every variant.
+        first: Stiffness at t = 0.
         timing: The transition model.
         weights: Weights of the cost.
         to_go: What stages alone take.
     """
 
-    nodes: Nodes
+    variants: Sequence[Stages]
+    first: StartingStiffness
     timing: TransitionModel
     weights: Weights
     to_go: ToGo
@@ -226,7 +234,7 @@ class SoFar:
 
     def durations(self, over: Whole) -> list[float]:
         """Least durations of all phases [s]."""
-        pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
+        pairs = zip(self.variants[over.variant], over.sequences, strict=False)
         return [time for pair in pairs for time in self.to_go.alone.durations(*pair)]
 
     def network(self, over: Whole, last: Mode, durations: Sequence[float]) -> TemporalNetwork:
@@ -234,7 +242,7 @@ class SoFar:
         charge(Cost.NETWORK, len(durations))
         network, done = self.timing.network(over.joined, last, durations), 0
         spans = dict[tuple[int, int], float]()
-        stages = self.nodes.variants[over.variant]
+        stages = self.variants[over.variant]
         for stage, sequence in zip(stages, over.sequences, strict=False):
             begin, done = network.layout.end(done - 1), done + len(sequence)
             if stage.least_s:
@@ -252,18 +260,18 @@ class SoFar:
         times = with_durations(network, durations).earliest
         if times is None:
             return Past(math.inf)
-        cost = times[network.layout.finish] + self._fixed_cost(network)
+        cost = times[network.layout.finish] + fixed_cost(network, self.weights)
         return Past(cost, joined, tuple(durations))
 
     def impossible(self, over: Whole) -> str | None:
         """Reason why these sequences cannot be, as far as that is told without times."""
-        pairs = zip(self.nodes.variants[over.variant], over.sequences, strict=False)
+        pairs = zip(self.variants[over.variant], over.sequences, strict=False)
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
         if (reason := next(filter(None, misfits), None)) is not None:
             return reason
         if not self._bends(over):
             return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
-        done, stages = len(over.sequences), self.nodes.variants[over.variant]
+        done, stages = len(over.sequences), self.variants[over.variant]
         last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
         if last.distance_m:
             way = Way().then(over.sequences[since], stages[since])
@@ -273,7 +281,7 @@ class SoFar:
 
     def _bends(self, over: Whole) -> bool:
         """True if the modes can bring about the shapes of the stages."""
-        stages = self.nodes.variants[over.variant][: len(over.sequences)]
+        stages = self.variants[over.variant][: len(over.sequences)]
         if all(stage.bend is not None for stage in stages):
             return True  # else one of them were a misfit
         modes = tuple(tuple(sorted(set(filter(any, each)))) for each in over.sequences)
@@ -299,14 +307,15 @@ class SoFar:
             durations: Least durations of the first phases [s].
             motion_s: Least time in which every plan moves [s], where that is known.
         """
-        so_far = (self.nodes.first, *whole)  # every completion melts what was solid all the time
-        missing = [j for j in stage.must_bend if not any(mode[j] for mode in so_far)]
+        so_far = (self.first, *whole)  # every completion melts what was solid all the time
+        must_bend = stage.bend.must_bend if stage.bend else ()
+        missing = [j for j in must_bend if not any(mode[j] for mode in so_far)]
         onward = self._onward(stage, whole[-1], frozenset(missing))
         if onward is not None:
             network = self.timing.network(whole, whole[-1], [0.0] * len(whole))
             times = with_durations(network, durations).earliest
             assert times is not None, "what is not refused has a schedule"
-            return times[network.layout.finish] + self._fixed_cost(network) + onward
+            return times[network.layout.finish] + fixed_cost(network, self.weights) + onward
         network = self._settling(stage, whole)
         least = _least_time(network, durations, motion_s)
         for j in missing:
@@ -339,18 +348,13 @@ class SoFar:
         self, stage: StageBounds, network: TemporalNetwork, missing: list[int]
     ) -> float:
         """Cost of the melts and freezes of a node and of those that must still follow."""
-        cost, last = self._fixed_cost(network), stage.last
+        cost, last = fixed_cost(network, self.weights), stage.last
         for j in missing:  # no melt of it came before: what it takes is that from t = 0
             mode = tuple(int(k == j) for k in range(len(stage.change)))
             melt = self.timing.network((mode,), mode, [0.0])
             cost += self.weights.energy_s_per_J * melt.melt_energy_J
             cost += self.weights.transition_s * (1 + (last is not None and last[j] == 0))
         return cost
-
-    def _fixed_cost(self, network: TemporalNetwork) -> float:
-        """Cost of melts and freezes besides the time they take."""
-        energy = self.weights.energy_s_per_J * network.melt_energy_J
-        return energy + self.weights.transition_s * network.transitions
 
 
 def _least_time(

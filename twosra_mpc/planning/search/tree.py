@@ -17,11 +17,11 @@ from twosra_mpc.planning.bounds.bends import passes_forbidden
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
-from twosra_mpc.planning.bounds.stage_bounds import StageRelaxation, Together, Way
-from twosra_mpc.planning.search.nodes import InTheWay, Node, Nodes, Whole
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation, Together, Way
+from twosra_mpc.planning.search.nodes import InTheWay, Node, Stages, Whole
 from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import ModeSequence, sequence_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel
 
 
@@ -30,14 +30,14 @@ class Leaves:
     """Bounds of sequences of all stages, and what was learnt of them.
 
     Attributes:
-        nodes: The stages of every variant.
+        variants: The stages of every variant.
         so_far: Bounds of what comes first.
         relaxation: Rates and room of the bending coordinates.
         bounds: Of sequences of all stages, as far as they were asked for.
         motion_s: Least time in which every plan moves [s], once it is asked for.
     """
 
-    nodes: Nodes
+    variants: Sequence[Stages]
     so_far: SoFar
     relaxation: StageRelaxation
     bounds: dict[Whole, SequenceBound] = field(default_factory=dict)
@@ -55,12 +55,16 @@ class Leaves:
             self.bounds[whole] = found
         return self.bounds[whole]
 
+    def last(self, whole: Whole) -> Mode:
+        """Stiffness at the end of a sequence of every stage."""
+        return self.variants[whole.variant][-1].settled(whole.sequences[-1])
+
     def _lasting(self, whole: Whole, durations: Sequence[float]) -> SequenceBound | None:
         """The same with these least durations of the phases [s]."""
         if not all(map(math.isfinite, durations)):
             return None
-        network = self.so_far.network(whole, self.nodes.last(whole), durations)
-        stages, weights = self.nodes.variants[whole.variant], self.so_far.weights
+        network = self.so_far.network(whole, self.last(whole), durations)
+        stages, weights = self.variants[whole.variant], self.so_far.weights
         return Together(
             network, stages, whole.sequences, self.relaxation, weights, durations
         ).bound()
@@ -83,7 +87,7 @@ class Leaves:
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
         if bound >= enough:
             return bound
-        stages, cost = self.nodes.variants[whole.variant], self.so_far.to_go.alone.cost
+        stages, cost = self.variants[whole.variant], self.so_far.to_go.alone.cost
         ends = [sequence[-1] for sequence in whole.sequences]
         later = sum(map(cost, stages[1:], ends, whole.sequences[1:]))
         return max(bound, self._by_motion(whole, drives_s[0], enough - later) + later)
@@ -93,7 +97,7 @@ class Leaves:
     ) -> list[float]:
         """Least durations of drives, those of stages that are nothing else with more effort [s]."""
         found = list[float]()
-        triples = zip(self.nodes.variants[whole.variant], whole.sequences, drives_s, strict=True)
+        triples = zip(self.variants[whole.variant], whole.sequences, drives_s, strict=True)
         for stage, sequence, own_s in triples:
             alone = sequence == (stage.rigid,)
             found += [max(*own_s, stage.drive.at_least(enough))] if alone else own_s
@@ -101,7 +105,7 @@ class Leaves:
 
     def _by_motion(self, whole: Whole, drives_s: Sequence[float], enough: float) -> float:
         """Bound of the first stage by parts of what it may do, and by its pose."""
-        stage, sequence = self.nodes.variants[whole.variant][0], whole.sequences[0]
+        stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         if (task := stage.bend) is None:
             return -math.inf
         first, timing, weights = whole.sequences[:1], self.so_far.timing, self.so_far.weights
@@ -121,14 +125,14 @@ class Leaves:
 
     def first_is_forbidden(self, whole: Whole) -> bool:
         """True if the bends of the first stage's bound pass a forbidden shape."""
-        task, first = self.nodes.variants[whole.variant][0].bend, whole.sequences[0]
+        task, first = self.variants[whole.variant][0].bend, whole.sequences[0]
         return task is not None and passes_forbidden(
             first, task, self.bounds[whole].bends[: len(first)]
         )
 
     def bend_otherwise(self, whole: Whole) -> None:
         """Look for other bends of the first stage."""
-        stage, sequence = self.nodes.variants[whole.variant][0], whole.sequences[0]
+        stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         assert stage.bend is not None, "only then it is known what they pass"
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
@@ -147,7 +151,7 @@ class Leaves:
 
     def look_at_motion(self, whole: Whole) -> None:
         """Work out how long every plan moves where driving outlasts the metal."""
-        task = self.nodes.variants[whole.variant][0].bend
+        task = self.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
         if task.pose.known_s > self.bounds[whole].cost:
@@ -158,8 +162,8 @@ class Leaves:
 
         That of the first stage, whose start is known.
         """
-        stage = self.nodes.variants[whole.variant][0]
-        if self.motion_s is not None or stage.bend is None or len(self.nodes.variants) > 1:
+        stage = self.variants[whole.variant][0]
+        if self.motion_s is not None or stage.bend is None or len(self.variants) > 1:
             return False
         self.motion_s = least_motion_s(stage.bend, stage.modes)
         return True
@@ -173,7 +177,8 @@ Solver = Callable[[TemporalNetwork, SequenceBound, Whole], Iterable[tuple[float,
 
 
 def tree_of(
-    nodes: Nodes,
+    variants: Sequence[Stages],
+    first: StartingStiffness,
     timing: TransitionModel,
     weights: Weights,
     relaxation: StageRelaxation,
@@ -185,7 +190,8 @@ def tree_of(
     """Build the tree of the stages of variants.
 
     Args:
-        nodes: The stages.
+        variants: The stages of every variant.
+        first: Stiffness at t = 0.
         timing: The transition model.
         weights: Weights of the cost.
         relaxation: Rates and room of the bending coordinates.
@@ -194,10 +200,10 @@ def tree_of(
         excluded: Sequences that are not to be used.
     """
     if in_the_way is None:
-        in_the_way = [[InTheWay()] * len(stages) for stages in nodes.variants]
-    to_go = ToGo(nodes.variants, Alone(timing), relaxation.soft_travel_m)
-    leaves = Leaves(nodes, SoFar(nodes, timing, weights, to_go), relaxation)
-    return Tree(nodes, leaves, solver, in_the_way, excluded)
+        in_the_way = [[InTheWay()] * len(stages) for stages in variants]
+    to_go = ToGo(variants, Alone(timing), relaxation.soft_travel_m)
+    leaves = Leaves(variants, SoFar(variants, first, timing, weights, to_go), relaxation)
+    return Tree(variants, first, leaves, solver, in_the_way, excluded)
 
 
 @dataclass
@@ -205,7 +211,8 @@ class Tree(Generic[Solution]):
     """Stages as a search tree.
 
     Attributes:
-        nodes: Nodes and their children.
+        variants: The stages of every variant.
+        first: Stiffness at t = 0.
         leaves: Bounds of stages, and of sequences of all of them.
         solver: Yields attempts at a plan of all stages, given their network and bound.
         in_the_way: What is in the way of each stage of every variant.
@@ -213,31 +220,87 @@ class Tree(Generic[Solution]):
         unreachable: Filled by the search: why sequences were proved infeasible.
     """
 
-    nodes: Nodes
+    variants: Sequence[Stages]
+    first: StartingStiffness
     leaves: Leaves
     solver: Solver[Solution]
     in_the_way: Sequence[Sequence[InTheWay]]
     excluded: frozenset[ModeSequence] = frozenset()
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
 
+    @property
+    def only(self) -> StageBounds | None:
+        """The stage, where there is but one in one variant."""
+        stages = self.variants[0]
+        return stages[0] if len(self.variants) == len(stages) == 1 else None
+
     def root(self) -> Node:
         """No variant chosen, unless there is but one."""
-        return self.nodes.root()
+        return Node(-1) if len(self.variants) > 1 else self.opened(0, ())
+
+    def opened(self, variant: int, sequences: tuple[ModeSequence, ...]) -> Node:
+        """The node where the next stage begins, if there is one."""
+        stages = self.variants[variant]
+        if len(sequences) == len(stages):
+            return Node(variant, sequences)
+        begins = sequences[-1][-1] if sequences else self.first
+        return Node(variant, sequences, stages[len(sequences)].opening(begins))
+
+    def open_stage(self, node: Node) -> tuple[StageBounds, StartingStiffness] | None:
+        """The stage that is open, and the stiffness in which it begins; None: all are over."""
+        stages = self.variants[node.variant]
+        if len(node.sequences) == len(stages):
+            return None
+        begins = node.sequences[-1][-1] if node.sequences else self.first
+        return stages[len(node.sequences)], begins
 
     def children(self, node: Node) -> list[Node]:
         """The variants, or one more mode, or the next stage."""
-        return self.nodes.children(node)
+        if node.variant < 0:
+            return [self.opened(variant, ()) for variant in range(len(self.variants))]
+        if (opened := self.open_stage(node)) is None:
+            return []
+        stage, begins = opened
+        found = [Node(*node[:2], head) for head in stage.longer(node.head, begins)]
+        closed = None if stage.final else stage.closed(node.head, begins)
+        if closed and len(closed) <= stage.most_phases and stage.misfit(closed) is None:
+            found.insert(0, self.opened(node.variant, (*node.sequences, closed)))
+        return found
+
+    def leaps(self, node: Node) -> list[Node]:
+        """The variants, or the stage that is open with each of its sequences."""
+        if node.variant < 0:
+            return self.children(node)
+        if (opened := self.open_stage(node)) is None:
+            return []
+        sequences = opened[0].sequences(opened[1])
+        return [self.opened(node.variant, (*node.sequences, each)) for each in sequences]
 
     def too_deep(self, node: Node) -> bool:
         """True if the open stage, or its shortest child, has more phases than are opened."""
-        return self.nodes.too_deep(node)
+        if node.variant < 0 or (opened := self.open_stage(node)) is None:
+            return False
+        stage, begins = opened
+        if len(node.head) < stage.most_phases:  # one more closes it
+            return False
+        return len(stage.closed(node.head, begins) or node.head) > stage.most_phases
+
+    def whole(self, node: Node) -> Whole | None:
+        """The sequences of all stages a node stands for; None if another node stands for them."""
+        if node.variant < 0:
+            return None
+        if (opened := self.open_stage(node)) is None:
+            return Whole(*node[:2])
+        stage, begins = opened
+        last = stage.closed(node.head, begins) if stage.final else None
+        return None if last is None else Whole(node.variant, (*node.sequences, last))
 
     def bound(self, node: Node) -> float:
         """Every completion passes through the events of ``node``; what comes then takes longer."""
         if node.variant < 0:
             return 0.0
         past = self._past(Whole(*node[:2])) if node.sequences else NOTHING_YET
-        if past.cost == math.inf or (opened := self.nodes.open_stage(node)) is None:
+        if past.cost == math.inf or (opened := self.open_stage(node)) is None:
             return past.cost
         stage, begins = opened
         whole, done = (*past.phases, *node.head), len(node.sequences)
@@ -273,17 +336,17 @@ class Tree(Generic[Solution]):
 
     def _way(self, node: Node) -> Way:
         """What has moved since the last end of a stage whose place is known."""
-        done, stages = len(node.sequences), self.nodes.variants[node.variant]
+        done, stages = len(node.sequences), self.variants[node.variant]
         since = done - stages[done].since + 1
         return Way().then(node.sequences[since:], stages[since:])
 
     def leaf_bound(self, node: Node) -> float:
         """Optimum of the relaxation of all stages."""
-        whole = self.nodes.whole(node)
+        whole = self.whole(node)
         if whole is None or self.too_deep(node) or whole.joined in self.excluded:
             return math.inf
         leaf, so_far = whole.joined, self.leaves.so_far
-        reason = so_far.timing.refusal(leaf, self.nodes.last(whole))
+        reason = so_far.timing.refusal(leaf, self.leaves.last(whole))
         if (reason := reason or so_far.impossible(whole) or self._blocked(whole)) is not None:
             return self._infeasible(leaf, reason)
         bound = self.leaves.relaxed(whole)
@@ -295,7 +358,7 @@ class Tree(Generic[Solution]):
 
     def tighter_bound(self, node: Node, enough: float) -> float:
         """Raise the leaf bound by the time the change of pose takes, or by what blocks it."""
-        whole = self.nodes.whole(node)
+        whole = self.whole(node)
         if whole is None:
             return -math.inf
         drives_s = list[list[float]]()
@@ -316,12 +379,12 @@ class Tree(Generic[Solution]):
         Where its first attempt fails because the bound's bends pass a forbidden shape, again with
         others; after another failure, as by then another leaf may have the least bound.
         """
-        whole = self.nodes.whole(node)
+        whole = self.whole(node)
         if whole is None:
             return
         known = self.leaves.bounds[whole]
         network = self.leaves.so_far.network(
-            whole, self.nodes.last(whole), [0.0] * len(whole.joined)
+            whole, self.leaves.last(whole), [0.0] * len(whole.joined)
         )
         attempts = iter(self.solver(network, known, whole))
         first = next(attempts, None)

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from twosra_mpc.checking.cost import cost_of
-from twosra_mpc.checking.verification import verify
+from twosra_mpc.checking.verification import cost_of, verify
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule, schedule
 from twosra_mpc.planning.solver.guess import available_inputs, correct_end, spared_corners
@@ -20,8 +19,9 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest, sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.ends import may_drive
-from twosra_mpc.problem.limits import BODY_GAP, interval_durations, shape_margins, shapes_allowed
+from twosra_mpc.problem.limits import BODY_GAP, shape_margins
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.speeds import interval_durations, shapes_allowed
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
@@ -274,7 +274,7 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
     """Times when tasks are done: at the end of their stages; boxes when entered."""
     moved = Trajectory(problem, samples, (), (), (0.0,) * len(problem.tasks))
     done, ends = [0.0], iter(ends_s)
-    for stage in problem.stages()[: len(problem.tasks)]:
+    for stage in problem.stages[: len(problem.tasks)]:
         if stage.through is not None:
             done.append(entered_s(moved, stage.through, done[-1]))
         else:

@@ -25,8 +25,9 @@ from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
+from twosra_mpc.problem.limits import broken_by_shapes, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
+from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, rotation

@@ -27,13 +27,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.effort import Cost, OutOfEffortError, charge
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.outline import outline_points
 from twosra_mpc.model.self_collision import self_collision
-from twosra_mpc.planning.solver.stopping import Stopping
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.speeds import speed_function
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.timing import EventLayout
@@ -129,7 +130,7 @@ def transcribe(
     flow = _flow(body, steps).map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
     link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
-    least_times = limits.speed_function(body).map(phases * intervals)(q[:, before], s, mode_of)
+    least_times = speed_function(body).map(phases * intervals)(q[:, before], s, mode_of)
     margins = limits.shape_function(body).map(phases * (intervals + 1))(q[POSE:, :])
     blocks = {
         "defects": (arrive - q[:, after]) / ca.DM(scale),
@@ -243,3 +244,33 @@ def ipopt(
     }
     solver = ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
     return transcription, solver, stopping
+
+
+class Stopping(ca.Callback):
+    """Stops a solver when the effort of whoever called it is over."""
+
+    def __init__(self, nlp: dict[str, ca.MX]) -> None:
+        """For a program with these symbols x and expressions g."""
+        ca.Callback.__init__(self)
+        self._sizes = {"f": 1, "x": nlp["x"].numel(), "g": nlp["g"].numel()}
+        self.construct("stopping", {})
+
+    def get_n_in(self) -> int:
+        """As CasADi asks."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """As CasADi asks."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """As CasADi asks."""
+        return ca.Sparsity.dense(self._sizes.get(ca.nlpsol_out(i).removeprefix("lam_"), 0), 1)
+
+    def eval(self, _: Sequence[ca.DM]) -> list[int]:
+        """Whether to stop."""
+        try:
+            charge(Cost.NLP_STEP, self._sizes["x"])
+        except OutOfEffortError:
+            return [1]
+        return [0]

@@ -17,8 +17,7 @@ from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, timed
 from twosra_mpc.planning.solver.guess import correct_end
 from twosra_mpc.planning.solver.itinerary import Itinerary
-from twosra_mpc.planning.solver.sequence_solver import Solved, checked
-from twosra_mpc.planning.solver.stage_bends import shapes, stage_bends
+from twosra_mpc.planning.solver.sequence_solver import Solved, checked, shapes, stage_bends
 from twosra_mpc.planning.stages.necessity import necessities
 from twosra_mpc.planning.stages.variants import Placement, Variant, goals_of
 from twosra_mpc.problem.goals import GoalSet

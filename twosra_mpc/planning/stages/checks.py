@@ -1,4 +1,4 @@
-"""Checks of missions that cannot be: starts, goals and objects that overlap or are outside."""
+"""Checks of what cannot be: starts, goals and objects that overlap or are outside."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
 
-def check_mission(problem: Problem) -> None:
-    """Refuse what no plan of a mission can do.
+def check_around(problem: Problem) -> None:
+    """Refuse what no plan can do among obstacles and objects, or at rest on the way to the goal.
 
     Raises:
-        InputError: If the greedy rule is asked for it, if it may not drive, or if at the start, at
-            a goal on the way or where objects are or should be carried to something overlaps or is
+        InputError: If the greedy rule is asked for tasks, if they may not drive, or if at the
+            start, at a goal or where objects are or should be carried to something overlaps or is
             outside of the workspace.
     """
-    robot = problem.robot
-    if problem.planner == "greedy":
-        raise InputError("planner", "greedy", "optimal: the greedy rule knows no tasks")
-    if robot.rigid not in problem.modes:
-        raise InputError(
-            "modes", problem.modes, f"{mode_name(robot.rigid)} among them: tasks drive"
-        )
+    if problem.obstacles or problem.objects:
+        check_obstacles(problem)
+    if problem.objects or any(task.rests for task in problem.tasks):
+        if problem.planner == "greedy":
+            raise InputError("planner", "greedy", "optimal: the greedy rule knows no tasks")
+        if (rigid := problem.robot.rigid) not in problem.modes:
+            raise InputError("modes", problem.modes, f"{mode_name(rigid)} among them: tasks drive")
     held = problem.start.holding
     poses = [None if item.name == held else item.pose.pose for item in problem.objects]
     start = problem.start.with_values(holding=None) if held else problem.start

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.stages.touch_poses import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
-from twosra_mpc.problem.world import Object
+from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.convex import quadrangles
@@ -279,3 +279,40 @@ def _no_grasp(task: Grasp, found: TouchSet) -> str:
         f"nothing cages {task.object}; the best touch embraces {wrap:z.0f} degrees of it: "
         'ask for hold = "pushed"'
     )
+
+
+HEADINGS = 24  # of the robot around a disc
+
+
+class Ends(NamedTuple):
+    """Poses of b0 to end in, (m, 3), and how far from one of them any other that may be used is."""
+
+    poses: Array
+    within_m: float
+
+
+def spread(range_rad: tuple[float, float], count: int) -> tuple[Array, float]:
+    """Headings of a range, evenly, and how far any other of it is from the nearest, at most."""
+    low, high = range_rad
+    around = high - low >= math.tau
+    headings = np.linspace(low, low + math.tau if around else high, count, endpoint=not around)
+    return headings, min(high - low, math.tau) / (count - 1)
+
+
+def placed(
+    touch: Touch, pose: Array, thing: Object | Obstacle, directions_rad: tuple[float, float]
+) -> Ends:
+    """Poses of b0 at a thing in the world with a heading that may be used."""
+    ends = composed(pose[None], touch.configuration[:POSE])
+    low, high = directions_rad
+    if thing.disc is None:
+        return Ends(ends[np.mod(ends[:, 2] - low, math.tau) <= high - low], 0.0)
+    headings, step_rad = spread(directions_rad, HEADINGS)
+    own = [thing.disc.x_m, thing.disc.y_m, 0.0] if isinstance(thing, Obstacle) else [0.0] * POSE
+    middle = composed(pose[None], np.array(own))
+    from_b0 = composed(inverse(ends), middle)
+    from_b0[:, 2] = 0.0
+    turned = np.repeat(middle, len(headings), axis=0)
+    turned[:, 2] = headings
+    poses = composed(turned, inverse(from_b0))
+    return Ends(poses, step_rad * float(np.hypot(*from_b0[0, :2])))

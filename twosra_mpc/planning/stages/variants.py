@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort
+from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Pass, Stage, Task, orders
+from twosra_mpc.problem.tasks import Pass, Stage, orders
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array, composed
 from twosra_mpc.space.footprint import SAGITTA_M
@@ -110,6 +110,7 @@ class Variant:
             obstacles=stage.world.obstacles,
         )
 
+    @cached_property
     def aimed(self) -> Variant:
         """The same with the goals that plans are looked for in first, narrower than all of them."""
         if not any(stage.openings for stage in self.members[0]):
@@ -211,84 +212,74 @@ class State(NamedTuple):
         return around.with_values(obstacles=tuple(kept))
 
 
-class Ways:
-    """Makes the variants of a problem; why there are none is kept in ``refused``."""
+class Ways(NamedTuple):
+    """The ways to do a problem.
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.refused: list[str] = []
+    Attributes:
+        variants: Every variant, the shortest one first.
+        refused: Why there are none, or no more.
+    """
 
-    @cached_property
-    def _handling(self) -> Handling:
-        from twosra_mpc.planning.stages.handling import Handling  # loads GEOS
+    variants: tuple[Variant, ...]
+    refused: tuple[str, ...]
 
-        return Handling(self.problem, self.refused)
 
-    def variants(self) -> list[Variant]:
-        """Every variant.
+@remembered(8)  # the same each time a problem is planned, e.g. without one sequence or another
+def ways_of(problem: Problem) -> Ways:
+    """Make the variants of a problem.
 
-        Raises:
-            OutOfEffortError: If the effort is over first, as no bound holds for some of them.
-        """
-        found: list[Variant] = []
-        for order in self._orders():
-            if found and out_of_effort():
-                raise OutOfEffortError
-            problem = self._in_order(order)
-            groups: dict[tuple[float, ...], list[tuple[Placement, ...]]] = {}
-            for state in self._from(problem, problem.stages(), self._begin()):
-                groups.setdefault(state.key, []).append(state.placements)
-            for members in groups.values():
-                members.sort(key=self._length_m)
-                found.append(Variant(problem, tuple(members)))
-        found.sort(key=lambda variant: self._length_m(variant.members[0]))
-        return found
+    Raises:
+        OutOfEffortError: If the effort is over first, as no bound holds for some of them.
+    """
+    found, refused, held = list[Variant](), list[str](), problem.start.holding
+    handling = cache(partial(_handling, problem, refused))
+    poses = tuple(item.pose.pose for item in problem.objects)
+    begin = State((), poses, None if held is None else handling().at_start())
+    for order in [problem.tasks] if problem.order == "given" else orders(problem.tasks, held):
+        if found and out_of_effort():
+            raise OutOfEffortError
+        own = problem.with_values(tasks=order)
+        if problem.ends_anywhere and order and (goal := order[-1].as_goal) is not None:
+            own = problem.with_values(tasks=order[:-1], goal=goal)  # what comes last is the goal
+        states = [begin]
+        for stage in own.stages:
+            states = [after for at in states for after in _ways(own, stage, at, handling)]
+        groups: dict[tuple[float, ...], list[tuple[Placement, ...]]] = {}
+        for state in states:
+            groups.setdefault(state.key, []).append(state.placements)
+        for members in groups.values():
+            members.sort(key=partial(_length_m, problem))
+            found.append(Variant(own, tuple(members)))
+    found.sort(key=lambda variant: _length_m(problem, variant.members[0]))
+    return Ways(tuple(found), tuple(refused))
 
-    def _orders(self) -> Iterator[tuple[Task, ...]]:
-        """Orders of the tasks: what is done with an object in hand stays together."""
-        tasks = self.problem.tasks
-        if self.problem.order == "given":
-            yield tuple(tasks)
-            return
-        yield from orders(tasks, self.problem.start.holding)
 
-    def _in_order(self, order: tuple[Task, ...]) -> Problem:
-        """The problem with its tasks in an order; a goal that comes last is its goal."""
-        goal = order[-1].as_goal if order else None
-        if self.problem.ends_anywhere and goal is not None:
-            return self.problem.with_values(tasks=order[:-1], goal=goal)
-        return self.problem.with_values(tasks=order)
+def _handling(problem: Problem, refused: list[str]) -> Handling:
+    from twosra_mpc.planning.stages.handling import Handling  # loads GEOS
 
-    def _begin(self) -> State:
-        poses = tuple(item.pose.pose for item in self.problem.objects)
-        held = self.problem.start.holding is not None
-        return State((), poses, self._handling.at_start() if held else None)
+    return Handling(problem, refused)
 
-    def _from(self, problem: Problem, stages: Sequence[Stage], at: State) -> Iterator[State]:
-        """Every way to do these stages one after the other."""
-        if not stages:
-            yield at
-            return
-        for after in self._ways(problem, stages[0], at):
-            yield from self._from(problem, stages[1:], after)
 
-    def _ways(self, problem: Problem, stage: Stage, at: State) -> Iterator[State]:
-        """Every way to do a stage; a box is left to the stage that follows."""
-        stage = replace(stage, touches=stage.touches | at.touches)
-        if stage.through is not None:
-            yield at._replace(passes=(*at.passes, stage.through), touches=stage.touches)
-        elif stage.goal is None:
-            yield from self._handling.ways(stage, at)
-        else:
-            placed = Placement(stage, stage.goal, at.world(problem, stage.touches))
-            yield at.after(self._handling.holding(placed, at.hold) if at.hold else placed)
+def _ways(
+    problem: Problem, stage: Stage, at: State, handling: Callable[[], Handling]
+) -> Iterator[State]:
+    """Every way to do a stage; a box is left to the stage that follows."""
+    stage = replace(stage, touches=stage.touches | at.touches)
+    if stage.through is not None:
+        yield at._replace(passes=(*at.passes, stage.through), touches=stage.touches)
+    elif stage.goal is None:
+        yield from handling().ways(stage, at)
+    else:
+        placed = Placement(stage, stage.goal, at.world(problem, stage.touches))
+        yield at.after(handling().holding(placed, at.hold) if at.hold else placed)
 
-    def _length_m(self, stages: Sequence[Placement]) -> float:
-        """About how far the robot drives."""
-        here, far = self.problem.start.configuration[None, :POSE], 0.0
-        for stage in stages:
-            if stage.ends is not None:
-                apart = np.linalg.norm(here[:, None, :2] - stage.ends[None, :, :2], axis=-1)
-                far += float(apart.min())
-                here = stage.ends
-        return far
+
+def _length_m(problem: Problem, stages: Sequence[Placement]) -> float:
+    """About how far the robot drives."""
+    here, far = problem.start.configuration[None, :POSE], 0.0
+    for stage in stages:
+        if stage.ends is not None:
+            apart = np.linalg.norm(here[:, None, :2] - stage.ends[None, :, :2], axis=-1)
+            far += float(apart.min())
+            here = stage.ends
+    return far
