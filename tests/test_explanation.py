@@ -444,12 +444,3 @@ def test_a_limit_without_a_plan_is_no_plan(run: Run) -> None:
     code, out, _ = run("explain", "paper-1", "--work-limit", "1e-9")
     assert code == 4
     assert "raise work_limit" in out
-
-
-def test_progress_is_shown_on_a_terminal(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    code, out, err = run("explain", "paper-4", "--time-limit", "0.5")
-    assert code == 0
-    assert "planning" in err
-    assert "planning" not in out

@@ -88,22 +88,3 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(run: Run, tmp_pat
         accepted = run("export", "paper.json", name, "--accept-paper-wheels")
         assert (accepted.code, accepted.err) == (0, "")
         assert (tmp_path / name).exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("plan.json", "plan.bag"), "allowed: a file ending in .mcap or .csv"),
-        (("plan.json", "no/folder/plan.mcap"), "a path in a folder that exists and can be written"),
-        (("none.json", "plan.mcap"), "none.json"),
-        (("plan.json", "plan.csv", "--rate", "0"), "rate = 0.0 is not acceptable"),
-    ],
-)
-def test_bad_input_is_refused(
-    run: Run, tmp_path: Path, arguments: tuple[str, ...], words: str
-) -> None:
-    solved("paper-2").save(tmp_path / "plan.json")
-    outcome = run("export", *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert words in outcome.err
-    assert len(list(tmp_path.iterdir())) == 1

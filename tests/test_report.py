@@ -416,32 +416,6 @@ def test_there_is_a_report_of_having_no_plan(paper: Result, run: Run, tmp_path: 
     assert "no way" in (tmp_path / "none.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("source", "target", "problem"),
-    [
-        ("missing.json", "out.html", "file = 'missing.json' is not acceptable"),
-        ("other.json", "out.html", "'twosra-plan' version 1"),
-        ("text.json", "out.html", "a plan in JSON"),
-        ("plan.json", "out.pdf", "a file ending in .html or .htm"),
-        ("plan.json", "nowhere/out.html", "a path in a folder that exists and can be written"),
-        ("plan.json", "folder.html", "the path of a file, not of a folder"),
-    ],
-)
-def test_bad_input_is_named(
-    paper: Result, run: Run, source: str, target: str, problem: str, tmp_path: Path
-) -> None:
-    paper.save("plan.json")
-    Path("other.json").write_text('{"format": "something else"}', encoding="utf-8")
-    Path("text.json").write_text("hello", encoding="utf-8")
-    Path("folder.html").mkdir()
-    before = sorted(tmp_path.iterdir())
-    code, out, err = run("report", source, target)
-    assert (code, out) == (2, "")
-    assert problem in err
-    assert "Traceback" not in err
-    assert sorted(tmp_path.iterdir()) == before
-
-
 def test_writing_from_python_checks_the_ending(paper: Result, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ending in \.html"):
         write_report(paper, tmp_path / "report.txt")

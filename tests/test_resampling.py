@@ -94,27 +94,6 @@ def test_json_stays_a_plan(run: Run, tmp_path: Path) -> None:
     assert check_plan(tmp_path / "dense.json").ok
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["plan.json", "a.csv"], ["--rate"]),
-        (["plan.json", "a.csv", "--rate", "0"], ["rate = 0.0", "at most 1000 Hz"]),
-        (["plan.json", "a.csv", "--rate", "fast"], ["--rate", "fast"]),
-        (["plan.json", "a.txt", "--rate", "1"], ["output = 'a.txt'", ".csv or .json"]),
-        (["plan.json", "no/a.csv", "--rate", "1"], ["output = 'no/a.csv'", "folder"]),
-        (["plam.json", "a.csv", "--rate", "1"], ["plam.json", "a file that exists"]),
-    ],
-)
-def test_bad_input_is_named_and_nothing_is_written(
-    run: Run, arguments: list[str], words: list[str], tmp_path: Path
-) -> None:
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    for word in words:
-        assert word in err
-    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
-
-
 def test_a_file_without_a_plan_has_nothing_to_resample(run: Run, tmp_path: Path) -> None:
     goal = {"kappa_per_m": (20.0, -10.0)}
     stuck = solved("shape-change", goal=goal, modes=((0, 0), (1, 1)))
