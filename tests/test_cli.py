@@ -297,13 +297,6 @@ def test_a_limit_that_is_too_small_has_no_plan(run: Run, limit: str) -> None:
     assert f"no plan found (a limit was reached): raise {limit}" in out
 
 
-def test_too_few_phases_have_no_plan_and_no_proof(run: Run) -> None:
-    code, out, _ = run("plan", "paper-1", "--max-phases", "1")
-    assert code == 4
-    assert "status failed" in out
-    assert "raise max_phases" in out
-
-
 # With the authors' sleeps the gap of the first plan is 0.1 %: asked for less, the search goes on.
 LONG_SEARCH = ("plan", "paper-1", "--timing", "paper", "--gap", "0")
 

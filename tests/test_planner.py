@@ -331,11 +331,6 @@ def test_weights_enter_cost_and_bound() -> None:
     assert result.status is Status.OPTIMAL
 
 
-def test_planning_is_reproducible() -> None:
-    first, second = (plan(random_problem(40)).require() for _ in range(2))
-    np.testing.assert_array_equal(first.samples.q, second.samples.q)
-
-
 @pytest.mark.parametrize("modes", [[RIGID], [RIGID, SOFT_2], [RIGID, SOFT_1, SOFT_2, SOFT_BOTH]])
 @pytest.mark.parametrize("temperatures", [(64.0, 64.0), (64.0, 25.0), (25.0, 64.0)])
 def test_a_soft_start_may_always_freeze_and_drive(
