@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from conftest import Run
@@ -361,10 +362,9 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
 ) -> None:
     made = solved("paper-2")
 
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(alternatives_module, "plan_until_interrupted", interrupted)
+    monkeypatch.setattr(
+        alternatives_module, "plan_until_interrupted", Mock(side_effect=KeyboardInterrupt)
+    )
     told = interrupted_explanation(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 
@@ -372,10 +372,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
 def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
     told = interrupted_explanation(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)

@@ -590,27 +590,6 @@ def test_wheel_travel_is_the_wheel_matrix_times_the_displacement(
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-def wheel_condition(alpha1: float, alpha2: float) -> float:
-    """Condition number of the rigid wheel map; turning is measured at 0.1 m."""
-    q = np.array([0.0, 0.0, 0.0, alpha1 / L, alpha2 / L])
-    return float(
-        np.linalg.cond(kinematics(SPIRAL).wheel_matrix(q, RIGID).full()[:, 2:] / [1, 1, 0.1])
-    )
-
-
-def test_the_wheels_hold_the_robot_firmly_up_to_a_quarter_turn_of_each_segment() -> None:
-    assert wheel_condition(0.0, 0.0) == pytest.approx(1.40, abs=0.005)
-    grid = np.linspace(-np.pi / 2, np.pi / 2, 31)
-    conditions = np.array([[wheel_condition(a, b) for a in grid] for b in grid])
-    assert conditions.max() == pytest.approx(5.8, abs=0.05)
-    assert np.median(conditions) == pytest.approx(1.62, abs=0.02)
-
-
-@pytest.mark.parametrize("shape", [(1.584, 2.350), (-2.350, -1.584)])
-def test_the_wheels_lose_hold_where_the_drive_lines_meet(shape: tuple[float, float]) -> None:
-    assert wheel_condition(*shape) > 1e3
-
-
 # --- roll-out -------------------------------------------------------------------------------
 
 

@@ -199,18 +199,6 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(run: Run, tmp_pat
     assert (accepted.code, accepted.err) == (0, "")
 
 
-def test_a_plan_that_was_not_found_is_refused(run: Run, tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    from twosra_mpc import Status
-
-    failed = replace(solved("rigid-move"), status=Status.FAILED)
-    failed.save(tmp_path / "p.json")
-    outcome = run("stream", tmp_path / "p.json", "--dry-run")
-    assert (outcome.code, outcome.out) == (4, "")
-    assert "no verified plan (failed)" in outcome.err
-
-
 def test_without_pyserial_the_error_says_how_to_install_it(
     run: Run, saved: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
