@@ -245,13 +245,10 @@ def test_a_standing_robot_is_told_again_once_a_second() -> None:
 # --- other endings -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "number", [getattr(signal, f"SIG{name}") for name in ("INT", "TERM", "HUP", "QUIT", "TSTP")]
-)
 @pytest.mark.parametrize("when_s", [0.4, 2.0, 40.0])
-def test_a_signal_stops_the_robot_however_often_it_comes(
-    number: signal.Signals, when_s: float
-) -> None:
+def test_a_signal_stops_the_robot_however_often_it_comes(when_s: float) -> None:
+    """Of those that can be caught, one: see test_serial_line."""
+    number = signal.SIGTERM
     plan, before = planned("paper-2"), signal.getsignal(number)
     firmware = SimulatedFirmware(plan)
     for again_s in (0.0, 0.02, 0.1, 0.2, 0.27):
