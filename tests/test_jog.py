@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from once import planned
-from simulated_firmware import SimulatedFirmware
+from simulated_firmware import SimulatedFirmware, assert_off
 
 from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.execution.robot_interface import RobotError
@@ -44,12 +44,6 @@ def firmware() -> Iterator[SimulatedFirmware]:
     made = SimulatedFirmware(planned("rigid-move"), regulates=False)
     yield made
     made.close()
-
-
-def assert_off(firmware: SimulatedFirmware) -> None:
-    firmware.receive()
-    last = firmware.received[-STOPS:]
-    assert not any(any(item.wheel_rad_s) or any(item.heated) for item in last)
 
 
 def test_options_turn_the_wheels_so_far_and_no_speed_jumps(firmware: SimulatedFirmware) -> None:

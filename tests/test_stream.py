@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from once import planned
 from problems import ROBOT
-from simulated_firmware import SimulatedFirmware
+from simulated_firmware import SimulatedFirmware, assert_off
 
 from twosra_mpc import InputError, NoPlanError, Plan, Robot, load_problem, load_robot
 from twosra_mpc import plan as find_plan
@@ -58,14 +58,6 @@ def commands_of(plan: Plan, rate_Hz: float = SLOW_HZ) -> list[tuple[Mode, WheelC
         for phase in plan.phases
         for order in wheel_commands(plan.trajectory, phase, rate_Hz)
     ]
-
-
-def assert_off(firmware: SimulatedFirmware) -> None:
-    """The last commands are stops, as many as promised."""
-    firmware.receive()
-    last = firmware.received[-STOPS:]
-    assert len(last) == STOPS
-    assert not any(any(item.wheel_rad_s) or any(item.heated) for item in last)
 
 
 # --- wheel commands ------------------------------------------------------------------------------

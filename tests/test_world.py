@@ -147,14 +147,6 @@ def test_an_end_that_overlaps_is_refused_with_what_and_by_how_much(end: str) -> 
     assert caught.value.field == end
 
 
-@pytest.mark.parametrize("end", ["start", "goal"])
-def test_an_end_outside_of_the_workspace_is_refused_by_how_much(end: str) -> None:
-    low, high = (-0.3, 1.0) if end == "start" else (-1.0, 0.3)
-    with pytest.raises(InputError, match=r"it is \d+\.\d mm outside") as caught:
-        plan(scene(POST, workspace={"x_m": [low, high], "y_m": [-1, 1]}))
-    assert caught.value.field == end
-
-
 def ring(corners: int, inner: float = 1.0) -> list[tuple[float, float]]:
     """Corners on a circle, every other one at a share of its radius."""
     angles = np.linspace(0.0, math.tau, corners, endpoint=False)
