@@ -345,11 +345,7 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made = solved("rigid-move", motion="fastest")
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
     told = interrupted_explanation(made)
     assert not told.complete
     last = told.alternatives[-1]

@@ -6,6 +6,7 @@ import itertools
 import math
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -194,10 +195,7 @@ def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
 
 
 def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(PlanInterrupted, match="interrupted") as raised:  # which ends a user's loop
         plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     result = raised.value.result
