@@ -324,7 +324,7 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_006, 210
 MOST_LINES = 35_735
-MOST_LINES_OF_TESTS = 32714
+MOST_LINES_OF_TESTS = 31636
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 397, 55  # paper-1, planned once before
 
 
