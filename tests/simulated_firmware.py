@@ -11,6 +11,7 @@ from twosra_mpc.control.heated_segment import HeatedSegment
 from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.lab.serial.port import SerialPort
+from twosra_mpc.lab.serial.robot import STOPS
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, rigid_mode
@@ -176,3 +177,11 @@ class SimulatedFirmware:
     def _report(self) -> None:
         for j, segment in enumerate(self.segments):
             self._cable.to_computer += self.reports(self._now_s, j, raw_C(segment))
+
+
+def assert_off(firmware: SimulatedFirmware) -> None:
+    """The last commands are stops, as many as promised."""
+    firmware.receive()
+    last = firmware.received[-STOPS:]
+    assert len(last) == STOPS
+    assert not any(any(item.wheel_rad_s) or any(item.heated) for item in last)

@@ -17,10 +17,8 @@ def paper(name: str = "paper-1", **changes: object) -> Problem:
 
 
 FAILING = {
-    "no time": paper(work_limit=1e-9),
     "no time for tasks": paper("pick-and-place", work_limit=1e-9),
     "no time for the greedy rule": paper(work_limit=1e-9, planner="greedy"),
-    "too few phases": paper(max_phases=1),
     "too few modes for the greedy rule": paper(modes=[[0, 0]], planner="greedy"),
 }
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from matplotlib.lines import Line2D
 from once import planned, solved
 from PIL import Image
 
-from twosra_mpc import InputError, Status, load_problem
+from twosra_mpc import InputError, load_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
@@ -264,28 +263,3 @@ def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
     assert re.search(r"file +plan\.gif *\n *bytes +\d+ ", out)
     with Image.open(tmp_path / "plan.gif") as gif:
         assert getattr(gif, "n_frames", 1) == 12
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("plan.json", "plan.avi"), "a file ending in .gif or .mp4"),
-        (("plan.json", "nowhere/plan.gif"), "a folder that exists and can be written"),
-        (("absent.json", "plan.gif"), "file = 'absent.json' is not acceptable"),
-        (("plan.json", "plan.gif", "--seconds", "0"), "'--seconds'"),
-    ],
-)
-def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> None:
-    solved("rigid-move").save("plan.json")
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    assert said in err
-    assert [file.name for file in Path().iterdir()] == ["plan.json"]
-
-
-def test_a_plan_file_without_a_plan_has_nothing_to_animate(run: Run) -> None:
-    empty = replace(solved("rigid-move"), plan=None, status=Status.FAILED, words="no way")
-    empty.save("plan.json")
-    code, out, err = run("plan.json", "plan.gif")
-    assert (code, out) == (4, "")
-    assert "nothing to animate: no way" in err

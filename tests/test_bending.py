@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from functools import lru_cache, partial
+from functools import partial
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import FINE_STEPS, interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode
@@ -37,8 +35,6 @@ ROBOTS = {**SPIRALS, **ARCS}
 
 each_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
 each_spiral = pytest.mark.parametrize("robot", SPIRALS.values(), ids=SPIRALS.keys())
-each_arc = pytest.mark.parametrize("robot", ARCS.values(), ids=ARCS.keys())
-
 for_all = settings(deadline=None, max_examples=25, derandomize=True)
 for_some = settings(deadline=None, max_examples=12, derandomize=True)
 
@@ -89,14 +85,6 @@ def test_the_coordinate_is_odd(robot: Robot, kappa: float) -> None:
 
 
 @each_robot
-@given(kappa=curvatures, step=st.floats(1e-6, CURVATURE))
-@for_all
-def test_the_coordinate_increases(robot: Robot, kappa: float, step: float) -> None:
-    coordinate = bending(robot).coordinate
-    assert coordinate(kappa + step) > coordinate(kappa)
-
-
-@each_robot
 @pytest.mark.parametrize("kappa", [1e-3, 0.2, 1.0, 7.0, 30.0, -40.0, 78.5, 157.0, 250.0])
 def test_the_coordinate_is_the_integral_of_its_definition(robot: Robot, kappa: float) -> None:
     breaks = sorted({x for x in (0.01, 0.05, 0.3) if x < abs(kappa) * L})
@@ -131,13 +119,6 @@ def test_the_error_of_the_coordinate_is_less_than_bounds_leave_room_for(
     assert facts.least_effort_s2(SOFT_1, [(0.0, 0.0)] * 2, error) == 0.0
 
 
-@each_arc
-@given(kappa=curvatures)
-@for_all
-def test_the_coordinate_of_arcs_is_the_bending_angle(robot: Robot, kappa: float) -> None:
-    assert bending(robot).coordinate(kappa) == pytest.approx(kappa * L, rel=1e-14, abs=1e-300)
-
-
 @each_robot
 @given(kappa=between(CURVATURE - 1), step=st.floats(1e-3, 1.0))
 @for_some
@@ -153,33 +134,6 @@ def test_the_coordinate_grows_by_its_density(robot: Robot, kappa: float, step: f
 
 
 # --- what is conserved ----------------------------------------------------------------------
-
-PIECES = 40  # intervals short enough that Runge-Kutta steps add no error of their own
-BOTH_SOFT = np.ones((2, PIECES))
-
-
-@lru_cache(maxsize=8)
-def pieces_of_flow(robot: Robot) -> ca.Function:
-    """(q, inputs, modes) -> q after each of 40 intervals."""
-    return interval_flow(robot, FINE_STEPS).mapaccum(PIECES)
-
-
-@each_robot
-@given(
-    kappa1=between(CURVATURE / 2), kappa2=between(CURVATURE / 2), s1=between(0.03), s2=between(0.03)
-)
-@example(kappa1=-25.0, kappa2=3.0, s1=0.03, s2=0.02)  # both bend through straight
-@for_some
-def test_with_both_soft_the_difference_of_coordinates_is_conserved(
-    robot: Robot, kappa1: float, kappa2: float, s1: float, s2: float
-) -> None:
-    coordinate = bending(robot).coordinate
-    start = np.array([0.0, 0.0, 0.0, kappa1, kappa2])
-    step = np.array([s1, s2, 0.0, 0.0, 0.0]) / PIECES
-    end = pieces_of_flow(robot)(start, ca.repmat(step, 1, PIECES), BOTH_SOFT).full()[:, -1]
-    before = coordinate(kappa1) - coordinate(kappa2)
-    after = coordinate(end[3]) - coordinate(end[4])
-    assert after == pytest.approx(before, rel=0.0, abs=1e-12 * coordinate(CURVATURE))
 
 
 @each_robot

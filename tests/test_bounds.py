@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 
 import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
-from twosra_mpc import Goal, Problem, load_robot, plan
+from twosra_mpc import Goal, load_robot, plan
 from twosra_mpc.planning.bounds.bends import least_bends, least_durations, unreachable_reason
 from twosra_mpc.planning.bounds.sequence_bound import pose_bound
 from twosra_mpc.planning.relaxation import bending_task
@@ -115,40 +114,6 @@ def test_a_looser_goal_never_has_a_higher_bound() -> None:
         costs.append(bound.cost)
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] == pytest.approx(63 + 235 + 235)
-
-
-def kappa_problem(start: tuple[float, float], goal: tuple[float, float]) -> Problem:
-    base = random_problem(7)
-    first = base.start.with_values(kappa_per_m=start)
-    return Problem(robot=ROBOT, start=first, goal=Goal(kappa_per_m=goal))
-
-
-@pytest.mark.parametrize(
-    ("sequence", "words"),
-    [
-        ((RIGID,), "segment 1 must bend"),
-        ((RIGID, SOFT_1, RIGID), "segment 2 must bend"),
-        ((RIGID, SOFT_2, RIGID), "segment 1 must bend"),
-        ((RIGID, SOFT_BOTH, RIGID), r"\[1,1\] alone bends both segments together"),
-    ],
-)
-def test_unreachable_shapes_are_explained(sequence: ModeSequence, words: str) -> None:
-    task = bending_task(kappa_problem((0.0, 0.0), (10.0, -20.0)))
-    reason = unreachable_reason(sequence, task)
-    assert reason is not None
-    assert re.search(words, reason)
-    assert "kappa1 from 0 to 10 1/m, kappa2 from 0 to -20 1/m" in reason
-
-
-def test_equal_changes_of_the_bending_coordinate_need_only_one_soft_mode() -> None:
-    task = bending_task(kappa_problem((-20.0, -20.0), (35.0, 35.0)))
-    assert unreachable_reason((RIGID, SOFT_BOTH, RIGID), task) is None
-
-
-def test_a_sequence_that_must_leave_the_curvature_range_has_no_plan() -> None:
-    # [1,0] first has to make up for what [1,1] will add to segment 1: more than the range allows.
-    problem = kappa_problem((-20.0, -60.0), (-40.0, 60.0))
-    assert bound_of(problem, (RIGID, SOFT_1, SOFT_BOTH, RIGID)) is None
 
 
 def test_bends_of_the_relaxation_add_up_to_the_task() -> None:

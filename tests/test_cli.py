@@ -12,10 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from conftest import Outcome, Run
-from test_problem import ROBOT, SCENARIO, changed, write
+from test_problem import ROBOT, write
 
 from twosra_mpc import __version__, effort, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import planning
@@ -107,25 +108,12 @@ def test_a_scenario_file_is_planned_like_a_built_in_one(run: Run, tmp_path: Path
         assert found["cost"] == expected["cost"]
 
 
-def lists_of(command: str) -> list[str]:
-    """Names that a listing command must show."""
-    return scenario_names() if command == "scenarios" else robot_names()
-
-
-@pytest.mark.parametrize("command", ["scenarios", "robots"])
-def test_everything_built_in_is_listed(run: Run, command: str) -> None:
-    code, out, err = run(command)
-    assert (code, err) == (0, "")
-    words = out.split()
-    assert len(lists_of(command)) > 0
-    for name in lists_of(command):
-        assert name in words
-
-
 def test_scenarios_are_listed_with_start_goal_and_purpose(run: Run) -> None:
-    out = run("scenarios").out
+    code, out, err = run("scenarios")
+    assert (code, err) == (0, "")
     for name in scenario_names():
         problem = load_problem(name)
+        assert name in out.split()
         assert problem.description in out
         goal = ", ".join(f"{value:g}" for value in problem.goal.configuration)
         start = ", ".join(f"{value:g}" for value in problem.start.configuration)
@@ -142,14 +130,10 @@ def test_robots_are_listed_with_path_model_and_timings(run: Run) -> None:
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
 def test_help_and_version_are_no_errors(run: Run, option: str) -> None:
-    code, out, err = run(option)
-    assert (code, err) == (0, "")
-    for command in ("plan", "scenarios", "robots"):
-        assert command in out
-    code, out, _ = run("plan", option)
-    assert code == 0
-    for name in ("--out", "--csv", "--rate", "--plot", "--planner", "--robot", "--timing"):
-        assert name in out
+    for command in ((), ("plan",)):
+        code, out, err = run(*command, option)
+        assert (code, err) == (0, "")
+        assert "Usage: twosra" in out
     assert run("--version").out == f"twosra, version {__version__}"
 
 
@@ -213,10 +197,15 @@ def test_the_path_model_overrides_that_of_the_robot(
     assert problem.robot.path.model == "arc"
     assert problem.with_values(robot=expected.robot) == expected
     assert problem.robot.with_values(path=expected.robot.path) == expected.robot
-    assert_bad_input(run("plan", "rigid-move", "--path-model", "straight"), "path.model", "arc")
 
 
 # --- bad input: 2 --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_planning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let whatever is planned be planned in vain."""
+    monkeypatch.setattr(planning, "plan_until_interrupted", Mock(side_effect=AssertionError))
 
 
 def assert_bad_input(outcome: Outcome, *words: str) -> None:
@@ -231,40 +220,26 @@ def assert_bad_input(outcome: Outcome, *words: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["plan", "paper-11"], ["twosra: scenario = 'paper-11'", "did you mean paper-1?"]),
-        (["plan", "missing.toml"], ["scenario = 'missing.toml'", "a file that exists", "paper-5"]),
-        (["plan", "bad.toml"], ["bad.toml: start.x_m = 'left'", "number"]),
-        (["plan", "broken.json"], ["broken.json", "line 1"]),
-        (["plan", "rigid-move", "--robot", "2sra-v"], ["robot = '2sra-v'", "2sra-v1"]),
-        (["plan", "rigid-move", "--timing", "papr"], ["timing = 'papr'", "constant, paper"]),
-        (["plan", "rigid-move", "--gap", "1.5"], ["gap = 1.5", "less than 1"]),
         (["plan", "rigid-move", "--gap", "nan"], ["gap = nan", "finite"]),
-        (["plan", "rigid-move", "--gap", "small"], ["--gap", "small"]),
-        (["plan", "rigid-move", "--time-limit", "0"], ["time_limit_s = 0.0", "greater than 0"]),
-        (["plan", "rigid-move", "--max-phases", "0"], ["max_phases = 0", "equal to 1"]),
-        (["plan", "rigid-move", "--max-phases", "2.5"], ["--max-phases", "2.5"]),
-        (["plan", "rigid-move", "--planner", "best"], ["--planner", "best", "greedy"]),
         (["plan", "rigid-move", "--rate", "0"], ["rate = 0.0", "more than 0 and at most 1000 Hz"]),
-        (
-            ["plan", "rigid-move", "--rate", "nan"],
-            ["rate = nan", "more than 0 and at most 1000 Hz"],
-        ),
+        (["plan", "rigid-move", "--rate", "nan"], ["rate = nan", "at most 1000 Hz"]),
         (["plan", "rigid-move", "--rate", "inf"], ["rate = inf", "at most 1000 Hz"]),
-        (["plan", "rigid-move", "--rate", "fast"], ["--rate", "fast"]),
-        (["plan", "rigid-move", "--rate", "1e9", "--csv", "a.csv"], ["rate", "at most 1000 Hz"]),
-        (["plan", "rigid-move", "--colour", "red"], ["--colour"]),
+        (
+            ["plan", "rigid-move", "--csv", "a.csv", "--out", "a.json", "--rate", "1e9"],
+            ["rate", "at most 1000 Hz"],
+        ),
+        (
+            ["plan", "rigid-move", "--plot", "a.xyz"],
+            ["output = 'a.xyz'", "a file ending in", ".svg"],
+        ),
         (["plan"], ["SCENARIO"]),
-        (["plan", "paper-1", "paper-2"], ["paper-2"]),
-        (["dance"], ["dance"]),
     ],
 )
-def test_bad_input_is_named_on_standard_error(
-    run: Run, arguments: list[str], words: list[str], tmp_path: Path
+def test_bad_input_is_named_before_planning(
+    run: Run, arguments: list[str], words: list[str], no_planning: None, tmp_path: Path
 ) -> None:
-    write(changed(SCENARIO, "start.x_m", "left"), tmp_path / "bad.toml")
-    (tmp_path / "broken.json").write_text("{", encoding="utf-8")
     assert_bad_input(run(*arguments), *words)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.toml", "broken.json"]
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_command_shows_the_help_and_is_an_error(run: Run) -> None:
@@ -274,24 +249,18 @@ def test_no_command_shows_the_help_and_is_an_error(run: Run) -> None:
 @pytest.mark.parametrize("option", ["--out", "--csv", "--plot"])
 @pytest.mark.parametrize("target", ["missing/a.png", ".", "file/a.png"])
 def test_an_output_that_cannot_be_written_is_refused_before_planning(
-    run: Run, option: str, target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Run, option: str, target: str, no_planning: None, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setattr(
-        planning, "plan_until_interrupted", lambda *_, **__: pytest.fail("planned in vain")
-    )
     outcome = run("plan", "rigid-move", option, target)
     allowed = "of a file, not of a folder" if target == "." else "that exists and can be written"
     assert_bad_input(outcome, f"twosra: output = '{target}'", allowed)
 
 
 def test_a_folder_without_permission_is_refused_before_planning(
-    run: Run, monkeypatch: pytest.MonkeyPatch
+    run: Run, no_planning: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    monkeypatch.setattr(
-        planning, "plan_until_interrupted", lambda *_, **__: pytest.fail("planned in vain")
-    )
     assert_bad_input(run("plan", "rigid-move", "--out", "a.json"), "output = 'a.json'")
 
 
@@ -328,13 +297,6 @@ def test_a_limit_that_is_too_small_has_no_plan(run: Run, limit: str) -> None:
     assert f"no plan found (a limit was reached): raise {limit}" in out
 
 
-def test_too_few_phases_have_no_plan_and_no_proof(run: Run) -> None:
-    code, out, _ = run("plan", "paper-1", "--max-phases", "1")
-    assert code == 4
-    assert "status failed" in out
-    assert "raise max_phases" in out
-
-
 # With the authors' sleeps the gap of the first plan is 0.1 %: asked for less, the search goes on.
 LONG_SEARCH = ("plan", "paper-1", "--timing", "paper", "--gap", "0")
 
@@ -367,13 +329,12 @@ class Solving:
             self.surprise()
 
 
+@pytest.mark.parametrize("before", [0, 1])  # 0: while the first plan is improved
 def test_an_interrupt_returns_the_best_plan_so_far(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    before: int, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", Solving(interrupt, before=1))
+    interrupt = Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr(sequence_solver, "solve", Solving(interrupt, before))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; interrupted: run again to continue the search", tmp_path)
 
@@ -395,10 +356,7 @@ def test_a_time_limit_returns_the_best_plan_so_far(
 def test_an_interrupt_before_the_first_plan_has_none(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "scheduled", interrupt)
+    monkeypatch.setattr(sequence_solver, "scheduled", Mock(side_effect=KeyboardInterrupt))
     code, out, err = run("plan", "paper-1", "--out", "a.json")
     assert (code, err) == (4, "")
     assert "no plan found (interrupted): run again to continue the search" in out
@@ -408,47 +366,15 @@ def test_an_interrupt_before_the_first_plan_has_none(
 def test_an_interrupt_outside_the_search_has_no_plan(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(planning, "plan_until_interrupted", interrupt)
-    code, out, err = run("plan", "paper-1")
-    assert (code, out) == (130, "")
-    assert err == "twosra: interrupted before there was a result"
-
-
-def test_a_termination_is_an_interrupt(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        planning, "plan_until_interrupted", lambda *_, **__: signal.raise_signal(signal.SIGTERM)
-    )
-    code, _, err = run("plan", "paper-1")
-    assert code == 130
-    assert "interrupted" in err
-
-
-def test_an_interrupt_keeps_a_plan_that_was_about_to_be_improved(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupt)
-    assert run(*LONG_SEARCH, "--out", "a.json").code == 4
-    assert load_plan(tmp_path / "a.json").found
+    for end in (signal.SIGINT, signal.SIGTERM):
+        ended = Mock(side_effect=lambda *_, end=end, **__: signal.raise_signal(end))
+        monkeypatch.setattr(planning, "plan_until_interrupted", ended)
+        code, out, err = run("plan", "paper-1")
+        assert (code, out) == (130, "")
+        assert err == "twosra: interrupted before there was a result"
 
 
 # --- progress ------------------------------------------------------------------------------------
-
-
-def test_progress_is_shown_on_a_terminal_and_not_on_standard_output(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    code, out, err = run("plan", "shape-change")
-    assert code == 0
-    assert "no plan below" in err
-    assert "planning" not in out
 
 
 # --- the installed program -----------------------------------------------------------------------
@@ -481,27 +407,3 @@ def test_the_plan_is_drawn_where_it_was_asked_for(run: Run, tmp_path: Path) -> N
     assert run("plan", "rigid-move", "--plot", "a.png").code == 0
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG\r\n")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
-
-
-def test_a_figure_in_an_unknown_format_is_refused(run: Run, tmp_path: Path) -> None:
-    outcome = run("plan", "rigid-move", "--plot", "a.xyz")
-    assert_bad_input(outcome, "output = 'a.xyz'", "a file ending in", ".png", ".pdf", ".svg")
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_unknown_format_is_refused_before_planning(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    planned: list[object] = []
-    before = planning.plan_until_interrupted
-    monkeypatch.setattr(
-        planning, "plan_until_interrupted", lambda *a, **k: planned.append(a) or before(*a, **k)
-    )
-    assert_bad_input(run("plan", "rigid-move", "--plot", "a.xyz"), "output = 'a.xyz'")
-    assert not planned
-
-
-def test_a_rate_of_too_many_rows_writes_nothing(run: Run, tmp_path: Path) -> None:
-    outcome = run("plan", "rigid-move", "--rate", "1e9", "--out", "a.json", "--csv", "a.csv")
-    assert_bad_input(outcome, "rate", "at most 1000 Hz")
-    assert not list(tmp_path.iterdir())

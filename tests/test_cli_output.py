@@ -18,6 +18,7 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import click
 import numpy as np
@@ -259,6 +260,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
+    (["explain", "paper-4", "--json"], "planning"),
     (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
@@ -292,35 +294,27 @@ def test_a_film_of_a_run_shows_its_progress(run: Run) -> None:
 # --- what the system refuses ---------------------------------------------------------------------
 
 
-def test_a_full_disk_is_a_message(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: Any, **__: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device", "plan.json")
-
-    monkeypatch.setattr(planning, "plan_until_interrupted", full)
-    expected = "twosra: plan.json: No space left on device\n"
-    assert run("plan", "rigid-move") == (2, "", expected)
+FULL = OSError(errno.ENOSPC, "No space left on device", "plan.json")
 
 
-def test_an_error_of_the_system_without_a_file_is_a_message(
-    run: Run, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (FULL, 2, "plan.json: No space left on device"),
+        (OSError("something odd"), 2, "something odd"),
+        (MemoryError(), 2, "more memory than there is"),
+        (NoPlanError("infeasible", "why"), 3, "no verified plan (infeasible): why"),
+        (NoPlanError("failed", "why"), 4, "no verified plan (failed): why"),
+    ],
+)
+def test_what_stops_a_command_is_a_message(
+    error: BaseException, code: int, words: str, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def odd(*_: Any, **__: Any) -> None:
-        raise OSError("something odd")
-
-    monkeypatch.setattr(planning, "plan_until_interrupted", odd)
-    assert run("plan", "rigid-move") == (2, "", "twosra: something odd\n")
-
-
-@pytest.mark.parametrize(("status", "code"), [("infeasible", 3), ("failed", 4)])
-def test_a_plan_that_was_needed_is_a_message(
-    run: Run, monkeypatch: pytest.MonkeyPatch, status: str, code: int
-) -> None:
-    def none(*_: Any, **__: Any) -> None:
-        raise NoPlanError(status, "for a reason")
-
-    monkeypatch.setattr(planning, "plan_until_interrupted", none)
-    expected = f"twosra: no verified plan ({status}): for a reason\n"
-    assert run("plan", "rigid-move") == (code, "", expected)
+    monkeypatch.setattr(planning, "plan_until_interrupted", Mock(side_effect=error))
+    told = run("plan", "rigid-move")
+    assert (told.code, told.out) == (code, "")
+    assert told.err.startswith("twosra: ")
+    assert words in told.err
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:
@@ -350,29 +344,6 @@ def test_the_help_tells_exit_codes_and_completion(run: Run) -> None:
     for code in ("0  done", "2  bad input", "3  proved infeasible", "4  no plan"):
         assert f"    {code}" in out
     assert "_TWOSRA_COMPLETE=bash_source" in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["plna"], "No such command 'plna'. Did you mean plan?"),
-        (["check_robot", "x"], "Did you mean check-robot?"),
-        (["plan", "paper-1", "--pot", "a.png"], "--plot"),
-        (["xyzzy"], "No such command 'xyzzy'"),
-    ],
-)
-def test_the_nearest_command_or_option_is_suggested(
-    run: Run, arguments: list[str], words: str
-) -> None:
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    assert words in err
-
-
-def test_a_rate_without_a_csv_file_is_refused(run: Run) -> None:
-    code, out, err = run("plan", "rigid-move", "--rate", 20)
-    assert (code, out) == (2, "")
-    assert "--rate is the rate of --csv, which is not given" in err
 
 
 def examples(name: str) -> list[str]:

@@ -72,21 +72,3 @@ def test_what_has_no_plan_is_a_row_without_numbers(run: Run) -> None:
     assert [record["cost_s"] is None for record in json.loads(out)] == [True, True, False, False]
     assert Path("some.png").exists()
     assert not Path("nothing.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ((), "SCENARIO"),
-        (("paper-1", "paper-9"), "scenario = 'paper-9' is not acceptable"),
-        (("paper-1", "--gap", "-1"), "gap"),
-        (("paper-1", "--plot", "a.docx"), "a file ending in"),
-        (("paper-1", "--plot", "nowhere/a.png"), "a folder that exists and can be written"),
-    ],
-)
-def test_bad_input_is_named_before_any_work(
-    run: Run, arguments: tuple[str, ...], said: str
-) -> None:
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    assert said in err

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from once import planned, solved
 
 from twosra_mpc import Plan, confirmed_lower_bound, load_problem, load_robot, plan
 from twosra_mpc.checking.plan_file import checked_text
@@ -24,7 +25,7 @@ def confirmed_s(made: Plan) -> float:
 @pytest.mark.parametrize("number", [2, 5])
 def test_a_robot_as_described_takes_the_confirmed_time(robot: str, number: int) -> None:
     """Published problems with one freeze and with two, whose melts are in series."""
-    made = plan(load_problem(f"paper-{number}", robot=robot)).require()
+    made = planned(f"paper-{number}", robot=robot)
     ran = simulate(made.problem, plant="as-planned", disturbance="none", plan=made)
     assert ran.metrics.reached
     assert 0.97 <= ran.run.duration_s / confirmed_s(made) <= 1.05
@@ -43,7 +44,7 @@ def test_a_robot_as_described_takes_the_confirmed_time(robot: str, number: int) 
 )
 def test_two_accounts_agree_from_any_state(scenario: str, given: dict[str, object]) -> None:
     """A network with late melts, and a walk with early ones; also of what is left of a plan."""
-    made = plan(load_problem(scenario, **given)).require()
+    made = planned(scenario, **given)
     rests = [] if made.problem.tasks else [0.1, 0.3, 0.6]
     for each in (made, *(plan(made.rest_at(s * made.duration_s)).require() for s in rests)):
         assert confirmed_s(each) == pytest.approx(walked_s(each), rel=1e-6)
@@ -62,11 +63,10 @@ def test_two_accounts_agree_where_the_body_is_slow() -> None:
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_no_plan_is_confirmed_sooner_than_the_bound(number: int) -> None:
     """Of other sequences and timings: when the best one is forbidden, or windows are reserved."""
-    problem = load_problem(f"paper-{number}")
     asked: list[dict[str, object]] = [{}, {"timing": "constant"}, {"timing": "paper"}]
     asked += [{"transition_quantile": share} for share in (0.9, 0.99)]
     asked += [{"modes": tuple(mode for mode in MODES if mode != other)} for other in MODES[1:]]
-    found = [plan(problem.with_values(**given)).require() for given in asked]
+    found = [planned(f"paper-{number}", **given) for given in asked]
     bounds = [confirmed_lower_bound(made) for made in found[:5]]  # of all modes
     soonest_s = min(map(confirmed_s, found))
     assert all(bound is not None and bound <= soonest_s for bound in bounds)
@@ -94,7 +94,7 @@ def test_windows_hold_the_model_s_own_times() -> None:
     ("key", "factor"), [("confirmed_duration_s", 1.02), ("confirmed_lower_bound_s", 1.2)]
 )
 def test_a_false_claim_is_found(key: str, factor: float) -> None:
-    result = plan(load_problem("paper-2"))
+    result = solved("paper-2")
     made = result.require()
     stated = replace(made, confirmed_lower_bound=confirmed_lower_bound(made))
     document = replace(result, plan=stated).to_dict()

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from conftest import Run
@@ -345,11 +346,7 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made = solved("rigid-move", motion="fastest")
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
     told = interrupted_explanation(made)
     assert not told.complete
     last = told.alternatives[-1]
@@ -362,10 +359,9 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
 ) -> None:
     made = solved("paper-2")
 
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(alternatives_module, "plan_until_interrupted", interrupted)
+    monkeypatch.setattr(
+        alternatives_module, "plan_until_interrupted", Mock(side_effect=KeyboardInterrupt)
+    )
     told = interrupted_explanation(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 
@@ -373,10 +369,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
 def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
     told = interrupted_explanation(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)
@@ -445,12 +438,3 @@ def test_a_limit_without_a_plan_is_no_plan(run: Run) -> None:
     code, out, _ = run("explain", "paper-1", "--work-limit", "1e-9")
     assert code == 4
     assert "raise work_limit" in out
-
-
-def test_progress_is_shown_on_a_terminal(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    code, out, err = run("explain", "paper-4", "--time-limit", "0.5")
-    assert code == 0
-    assert "planning" in err
-    assert "planning" not in out

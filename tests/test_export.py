@@ -13,7 +13,6 @@ from conftest import Run
 from once import planned, solved
 
 from twosra_mpc import InputError
-from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.plans.setpoints import save_authors_csv
 
@@ -26,30 +25,15 @@ def rows_of(path: Path) -> tuple[list[str], np.ndarray]:
     return header, np.array(rows, dtype=float)
 
 
-def test_csv_values_equal_the_plan(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rate_Hz", [None, 10.0])
+def test_csv_values_equal_the_plan(rate_Hz: float | None, tmp_path: Path) -> None:
     plan = planned("paper-1")
-    samples = plan.trajectory.held()
-    save_authors_csv(plan, tmp_path / "plan.csv")
+    samples = plan.trajectory.held(rate_Hz)
+    save_authors_csv(plan, tmp_path / "plan.csv", rate_Hz)
     header, table = rows_of(tmp_path / "plan.csv")
     assert ",".join(header) == "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
     expected = np.column_stack([samples.q, samples.v, samples.mode, samples.t_s])
     np.testing.assert_array_equal(table, expected)
-
-
-def test_csv_at_a_rate_lies_on_the_path(tmp_path: Path) -> None:
-    plan = planned("paper-2")
-    save_authors_csv(plan, tmp_path / "plan.csv", rate_Hz=10.0)
-    header, table = rows_of(tmp_path / "plan.csv")
-    times = table[:, header.index("time")]
-    regular = np.arange(int(10 * plan.duration_s) + 1) / 10
-    events = [time_s for phase in plan.phases for time_s in phase[1:]]
-    np.testing.assert_allclose(times, np.unique([*regular, *events, plan.duration_s]), atol=1e-9)
-    dense = refined(plan, 10.0).samples
-    assert dense is not None
-    for row, time_s in zip(table, times, strict=True):
-        near = int(np.argmin(np.abs(dense.t_s - time_s)))
-        if abs(dense.t_s[near] - time_s) < 1e-9:
-            np.testing.assert_allclose(row[:5], dense.q[near], atol=1e-9)
 
 
 # --- refused -------------------------------------------------------------------------------------
@@ -88,22 +72,3 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(run: Run, tmp_pat
         accepted = run("export", "paper.json", name, "--accept-paper-wheels")
         assert (accepted.code, accepted.err) == (0, "")
         assert (tmp_path / name).exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("plan.json", "plan.bag"), "allowed: a file ending in .mcap or .csv"),
-        (("plan.json", "no/folder/plan.mcap"), "a path in a folder that exists and can be written"),
-        (("none.json", "plan.mcap"), "none.json"),
-        (("plan.json", "plan.csv", "--rate", "0"), "rate = 0.0 is not acceptable"),
-    ],
-)
-def test_bad_input_is_refused(
-    run: Run, tmp_path: Path, arguments: tuple[str, ...], words: str
-) -> None:
-    solved("paper-2").save(tmp_path / "plan.json")
-    outcome = run("export", *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert words in outcome.err
-    assert len(list(tmp_path.iterdir())) == 1

@@ -18,7 +18,7 @@ from twosra_mpc import Plan, Robot, load_robot
 from twosra_mpc.analysis.critical_path import activities, critical_path
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.setpoints import save_authors_csv
-from twosra_mpc.plans.trajectory import soft_and_changing, stiffness_intervals
+from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     FREEZING_COLOUR,
@@ -64,7 +64,7 @@ def test_every_segment_is_drawn_in_the_colour_of_its_state(segments: int) -> Non
     modes = all_modes(segments)
     for mode, changing in itertools.product(modes, (modes[0], modes[-1])):
         ax = axes_of()
-        draw_robot(ax, geometry, q, mode, changing=changing)
+        assert draw_robot(ax, geometry, q, mode, changing=changing) is ax
         assert len(ax.lines) == segments + (segments + 1) + sum(changing)  # and links, hatches
         for line, arc, soft, now in zip(ax.lines, shape.segments, mode, changing, strict=False):
             expected = SOFT_COLOUR if soft else RIGID_COLOUR
@@ -72,16 +72,9 @@ def test_every_segment_is_drawn_in_the_colour_of_its_state(segments: int) -> Non
                 expected = FREEZING_COLOUR if soft else CHANGING_COLOUR
             assert same_color(line.get_color(), expected)
             np.testing.assert_array_equal(line.get_xydata(), arc)
-
-
-def test_stiffness_intervals_are_the_modes_of_the_samples(three: Plan) -> None:
-    samples = three.trajectory.samples
-    for j, intervals in enumerate(stiffness_intervals(three.trajectory)):
-        assert intervals[0].start_s == 0.0
-        assert intervals[-1].end_s == pytest.approx(three.duration_s)
-        for one in intervals:
-            inside = (samples.t_s > one.start_s + 1e-6) & (samples.t_s < one.end_s - 1e-6)
-            assert np.all(samples.mode[inside, j] == (one.state == "soft"))
+        hatches = [line.get_xydata() for line in ax.lines if same_color(line.get_color(), "white")]
+        expected = [arc for arc, now in zip(shape.segments, changing, strict=True) if now]
+        np.testing.assert_array_equal(hatches, expected)
 
 
 def test_a_lane_a_curve_and_a_colour_for_every_segment(three: Plan) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -139,47 +138,6 @@ def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(swall
     assert robot.time_s < robot.camera.period_s + 2.5
 
 
-class Deaf(ForeignRobot):
-    """A robot whose line fails so often once the wheels have turned."""
-
-    fails = 3
-
-    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
-        if self.wheels.any() and self.time_s > 1.0 and self.fails:
-            self.fails -= 1
-            raise OSError("busy")
-        super().send(wheel_rad_s, heater_setpoint_C)
-
-
-@pytest.mark.parametrize("fails", [3, 50])
-def test_a_stop_is_tried_again_and_one_that_never_gets_through_is_told(fails: int) -> None:
-    made = planned("rigid-move", robot=ARC)
-    robot = Deaf(made.problem)
-    robot.fails = fails
-    with pytest.raises(OSError, match="busy") as caught:
-        Executor(robot).run(made)
-    told = getattr(caught.value, "__notes__", [])
-    assert robot.off == (fails == 3) == (not told)
-    assert all("could NOT be told to stop" in note for note in told)
-
-
-@pytest.mark.parametrize("executor", ["optimal", "greedy"])
-def test_a_caller_that_raises_stops_the_robot(executor: str) -> None:
-    made = planned("rigid-move", robot=ARC)
-    robot = Hooked(made.problem)
-
-    def fail() -> None:
-        raise BrokenError("of the caller")
-
-    robot.hook = fail  # type: ignore[assignment]
-    drive: Callable[[], Any] = partial(Executor(robot).run, made)
-    if executor == "greedy":
-        drive = partial(Executor(robot).drive, made.problem)
-    with pytest.raises(BrokenError):
-        drive()
-    assert robot.off
-
-
 class Moved(Hooked):
     """A robot that somebody moves."""
 
@@ -294,9 +252,10 @@ def moved(share: float, bends: bool, slides_m: float = 0.0) -> None:
 def test_motion_that_does_not_happen_is_doubted_and_a_tenth_of_it_is_not() -> None:
     for share in (0.1, 0.3, 1.0):
         moved(share, bends=True)
-        moved(share, bends=False)
-    with pytest.raises(DoubtError, match=f"{1e3 * DRIVE_M:.0f} mm are commanded, 0 mm are seen"):
-        moved(0.0, bends=False)
+        moved(0.6 * share, bends=False)
+    for share in (0.0, 0.02, 0.04):
+        with pytest.raises(DoubtError, match=f"{1e3 * DRIVE_M:.0f} mm are commanded, "):
+            moved(share, bends=False)
     with pytest.raises(DoubtError, match=r"does not bend: .* are seen on 15 mm") as caught:
         moved(0.01, bends=True, slides_m=1e-3)
     assert caught.value.bends
@@ -358,14 +317,3 @@ def test_metal_that_bends_little_while_the_robot_slides_far_is_told_from_solid_m
     solid = [doubted(rng, 0.0, 0.0, rng.uniform(0.2, 0.6)) for _ in range(300)]
     assert np.mean(soft) < 0.02
     assert np.mean(solid) > 0.99
-
-
-@pytest.mark.parametrize(("share", "doubted"), [(0.02, True), (0.04, True), (0.06, False)])
-def test_a_rigid_drive_of_which_less_than_a_twentieth_is_seen_is_doubted(
-    share: float, doubted: bool
-) -> None:
-    if not doubted:
-        moved(share, bends=False)
-        return
-    with pytest.raises(DoubtError, match="mm are commanded"):
-        moved(share, bends=False)

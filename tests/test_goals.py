@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from twosra_mpc import Goal, GoalSet, InputError, Problem, Start, Tolerance, load_robot, plan
+from twosra_mpc import Goal, GoalSet, Problem, Start, Tolerance, load_robot, plan
 from twosra_mpc.planning.solver.fixed_sequence import solve
 from twosra_mpc.planning.solver.guess import guess_motion, inner_bends
 from twosra_mpc.robot.accuracy import PLANNED, Accuracy
@@ -139,12 +139,6 @@ def test_a_goal_without_a_tolerance_is_met_within_the_robots_accuracy() -> None:
     # What was filled in is a tolerance like any other: a problem of another robot keeps it.
     again = Problem.parse(Problem(robot=ARC, start=start, goal=where).scenario(), "again")
     assert again.goal.half_width == pytest.approx(default.half_width)
-
-
-@pytest.mark.parametrize("wrong", ["close", 1.0, {"z_m": 1.0}, {"x_m": -1.0}])
-def test_a_tolerance_that_is_none_is_refused(wrong: object) -> None:
-    with pytest.raises(InputError, match="tolerance"):
-        Goal(x_m=0.0, tolerance=wrong)
 
 
 @given(st.data())

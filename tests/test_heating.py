@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from conftest import PLANNERS_AND_TIMINGS
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from once import planned
 
 from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
-from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.timing.constant_heating import ConstantHeating
@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 
 ROBOT = load_robot("2sra-v1")
 HEATER = ROBOT.heater
-TIMES = ROBOT.timing["constant"]
 SLEEPS = ROBOT.timing["paper"]
 AMBIENT, MELTING, SOFT = 25.0, 61.0, 65.0  # C
 MELT_A, HOLD_A = 0.8, 0.307
@@ -36,11 +35,6 @@ SUPERHEAT_S = 3.0  # from molten to the set-point
 RAMP = (MELTING - AMBIENT) / MELT_LEAD_S  # C/s, as fast as the heater heats
 THERMAL_RAMP = 1.6  # C/s: 4.9 W of the hot coil into the 3.1 J/K of the solid segment
 EVENT_S = 2e-6
-
-
-def samples_of(some: Plan) -> Samples:
-    """The samples of a plan that has some."""
-    return some.samples
 
 
 def of_segment(some: Plan, segment: int) -> list[Transition]:
@@ -98,13 +92,16 @@ def melt_fraction(segment: SegmentHeating, t: Array) -> Array:
 # --- set-points of whole plans -------------------------------------------------------------------
 
 
-WARM_STARTS = [(70.0, 25.0), (25.0, 64.0), (63.0, 62.0)]
+WARM_STARTS = itertools.product([(70.0, 25.0), (25.0, 64.0), (63.0, 62.0)], ["nominal", "constant"])
 
 
-@pytest.fixture(params=itertools.product(WARM_STARTS, ["nominal", "constant"]), ids=str)
-def warm_plan(request: pytest.FixtureRequest) -> Plan:
-    """A plan whose start is partly liquid."""
-    return planned_from(*request.param)
+@pytest.fixture(params=[*PLANNERS_AND_TIMINGS, *WARM_STARTS], ids=str)
+def any_start(request: pytest.FixtureRequest) -> Plan:
+    """A plan from rigid metal by each planner, or one whose start is partly liquid."""
+    first, timing = request.param
+    if isinstance(first, str):
+        return planned("paper-1", planner=first, timing=timing)
+    return planned_from(first, timing)
 
 
 @functools.cache
@@ -116,17 +113,17 @@ def planned_from(temperatures: tuple[float, float], timing: str) -> Plan:
     return plan(problem).require()  # the last thousandth takes seconds
 
 
-def assert_setpoints(some: Plan) -> None:
+def test_the_heater_is_on_from_its_melt_to_its_freeze(any_start: Plan) -> None:
     """Set-point 65 C exactly between heater on and off; melt, hold or no current."""
-    samples = samples_of(some)
+    samples = any_start.samples
     times, index = middles(samples.t_s)
-    thermal = some.problem.timing == "nominal"
+    thermal = any_start.problem.timing == "nominal"
     for j in (0, 1):
         periods = heated(
-            of_segment(some, j + 1),
-            liquid=bool(some.problem.start_mode[j]),
-            superheat_s=SUPERHEAT_S if some.problem.timing == "constant" else 0.0,
-            start_C=some.problem.temperatures[j],
+            of_segment(any_start, j + 1),
+            liquid=bool(any_start.problem.start_mode[j]),
+            superheat_s=SUPERHEAT_S if any_start.problem.timing == "constant" else 0.0,
+            start_C=any_start.problem.temperatures[j],
         )
         for t, i in zip(times, index, strict=True):
             current = [MELT_A if t < p.hot else HOLD_A for p in periods if p.on <= t < p.off]
@@ -139,59 +136,33 @@ def assert_setpoints(some: Plan) -> None:
             assert samples.heater_current_A[i, j] == expected, t
 
 
-def assert_stiffness(some: Plan) -> None:
+def test_the_mode_is_what_the_transitions_made_of_the_metal(any_start: Plan) -> None:
     """The mode of a sample is liquid or not, as the transitions say; nothing moves in between."""
-    samples = samples_of(some)
+    samples = any_start.samples
+    assert samples.mode[0].tolist() == list(any_start.problem.start_mode)
     times, index = middles(samples.t_s)
     for j in (0, 1):
-        transitions = of_segment(some, j + 1)
-        at_start = bool(some.problem.start_mode[j])
+        transitions = of_segment(any_start, j + 1)
+        at_start = bool(any_start.problem.start_mode[j])
         for t, i in zip(times, index, strict=True):
             assert samples.mode[i, j] == liquid(transitions, t, at_start=at_start), t
             if samples.v[i].any():
                 assert not any(item.onset_s < t < item.done_s for item in transitions), t
 
 
-def test_the_heater_is_on_from_its_melt_to_its_freeze(any_plan: Plan) -> None:
-    assert any_plan.transitions
-    assert_setpoints(any_plan)
-
-
-def test_a_heater_that_starts_on_stays_on_until_its_freeze(warm_plan: Plan) -> None:
-    assert any(warm_plan.problem.start_mode)
-    assert_setpoints(warm_plan)
-
-
-def test_the_mode_is_what_the_transitions_made_of_the_metal(any_plan: Plan) -> None:
-    assert_stiffness(any_plan)
-
-
-def test_the_mode_is_right_from_a_liquid_start(warm_plan: Plan) -> None:
-    assert samples_of(warm_plan).mode[0].tolist() == list(warm_plan.problem.start_mode)
-    assert_stiffness(warm_plan)
-
-
-def test_the_temperature_is_as_expected(any_plan: Plan) -> None:
-    assert_temperatures(any_plan)
-
-
-def test_the_temperature_is_as_expected_from_a_liquid_start(warm_plan: Plan) -> None:
-    assert_temperatures(warm_plan)
-
-
-def assert_temperatures(some: Plan) -> None:
+def test_the_temperature_is_as_expected(any_start: Plan) -> None:
     """From what was given, between ambient and set-point."""
-    temperature = samples_of(some).temperature_C
-    assert temperature[0] == pytest.approx(some.problem.temperatures, abs=1e-9)
+    temperature = any_start.samples.temperature_C
+    assert temperature[0] == pytest.approx(any_start.problem.temperatures, abs=1e-9)
     assert temperature.min() >= AMBIENT - 1e-9
-    assert temperature.max() <= max(SOFT, *some.problem.temperatures) + 1e-9
+    assert temperature.max() <= max(SOFT, *any_start.problem.temperatures) + 1e-9
 
 
 @pytest.mark.parametrize("timing", ["nominal", "constant"])
 @pytest.mark.parametrize("planner", ["optimal", "greedy"])
 def test_metal_melts_and_freezes_at_its_melting_point(planner: str, timing: str) -> None:
     found = planned("paper-1", planner=planner, timing=timing)
-    samples = samples_of(found)
+    samples = found.samples
     for item in found.transitions:
         plateau = samples.t_s > item.onset_s - EVENT_S
         plateau &= samples.t_s < item.done_s - EVENT_S
@@ -203,7 +174,7 @@ def test_metal_melts_and_freezes_at_its_melting_point(planner: str, timing: str)
 @pytest.mark.parametrize("planner", ["optimal", "greedy"])
 def test_sleeping_through_a_melt_ends_at_the_set_point(planner: str) -> None:
     found = planned("paper-1", planner=planner, timing="paper")
-    samples = samples_of(found)
+    samples = found.samples
     for item in found.transitions:
         done = np.abs(samples.t_s - item.done_s).argmin()
         reached = samples.temperature_C[done, item.segment - 1]
@@ -216,14 +187,14 @@ def test_sleeping_through_a_melt_ends_at_the_set_point(planner: str) -> None:
 
 
 def test_the_temperature_never_jumps(any_plan: Plan) -> None:
-    samples = samples_of(any_plan)
+    samples = any_plan.samples
     steps = np.abs(np.diff(samples.temperature_C, axis=0))
     ramp = THERMAL_RAMP if any_plan.problem.timing == "nominal" else RAMP
     assert (steps <= ramp * np.diff(samples.t_s)[:, None] + 1e-6).all()
 
 
 def test_the_melt_fraction_says_what_the_transitions_made_of_the_metal(any_plan: Plan) -> None:
-    samples = samples_of(any_plan)
+    samples = any_plan.samples
     times, index = middles(samples.t_s)
     for j in (0, 1):
         transitions = of_segment(any_plan, j + 1)

@@ -12,6 +12,7 @@ from once import solved
 from problems import goal_tree
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
+from twosra_mpc.effort import Ending
 from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
@@ -122,7 +123,7 @@ def test_what_is_proved_infeasible_says_why_and_what_to_change(case: Problem, wo
     result = plan(case)
     assert result.status is Status.INFEASIBLE
     assert words in result.message
-    assert (result.lower_bound, result.stopped_early) == (None, False)
+    assert (result.plan, result.lower_bound, result.stopped_early) == (None, None, False)
 
 
 def test_what_is_impossible_is_proved_even_without_time() -> None:
@@ -226,7 +227,9 @@ def test_too_few_phases_say_how_many_are_needed(most: int) -> None:
     assert result.status is Status.FAILED
     assert "a plan needs at least 4 phases, possibly [0,0] > " in result.message
     assert result.message.endswith(f"but max_phases is {most}: raise max_phases")
-    assert plan(case.with_values(max_phases=4)).found
+    enough = plan(case.with_values(max_phases=4)).require()
+    assert result.lower_bound is not None
+    assert result.lower_bound <= enough.cost.total
 
 
 def test_a_shape_limit_that_asks_for_more_phases_is_named() -> None:
@@ -269,7 +272,8 @@ def test_a_limit_is_told_with_the_effort() -> None:
 
 def test_a_gap_that_is_left_is_explained() -> None:
     result = solved("rigid-move", gap=0.0)
-    assert result.status is Status.FEASIBLE
+    assert (result.status, result.ending) == (Status.FEASIBLE, Ending.EXHAUSTED)
+    assert 0 < (result.gap or 0.0) < 0.06
     assert result.message.endswith(
         "no mode sequence of up to max_phases = 8 is left to try: the gap is slack of the bounds, "
         "or in longer sequences"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from once import planned
-from simulated_firmware import SimulatedFirmware
+from simulated_firmware import SimulatedFirmware, assert_off
 
 from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.execution.robot_interface import RobotError
@@ -44,12 +44,6 @@ def firmware() -> Iterator[SimulatedFirmware]:
     made = SimulatedFirmware(planned("rigid-move"), regulates=False)
     yield made
     made.close()
-
-
-def assert_off(firmware: SimulatedFirmware) -> None:
-    firmware.receive()
-    last = firmware.received[-STOPS:]
-    assert not any(any(item.wheel_rad_s) or any(item.heated) for item in last)
 
 
 def test_options_turn_the_wheels_so_far_and_no_speed_jumps(firmware: SimulatedFirmware) -> None:
@@ -154,31 +148,6 @@ def test_a_segment_that_is_too_hot_ends_it(firmware: SimulatedFirmware) -> None:
     with pytest.raises(RobotError, match="segment 1: too hot, 90"):
         jog(ROBOT, firmware.port, firmware, for_a_time(ROBOT, Jog(STILL, COLD), 10.0))
     assert_off(firmware)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--forward", "0.06", "--for", "1"), "at most limits.speed_m_s of the robot, 0.05 m/s"),
-        (("--turn", "-0.4", "--for", "1"), "at most limits.turn_rate_rad_s of the robot, 0.3"),
-        (("--wheel", "2", "11", "--for", "1"), "wheel 2 = 11.0 is not acceptable"),
-        (("--wheel", "5", "1", "--for", "1"), "Invalid value for '--wheel'"),
-        (("--forward", "nan", "--for", "1"), "speed = nan is not acceptable"),
-        (("--heat", "3", "--for", "1"), "heat = 3 is not acceptable; allowed: a segment from 1"),
-        (("--forward", "0.01", "--for", "0"), "for = 0.0 is not acceptable"),
-        (("--wheel", "1", "1"), "for = None is not acceptable"),
-    ],
-)
-def test_bad_input_is_refused(run: Run, arguments: tuple[str, ...], words: str) -> None:
-    outcome = run("jog", "--robot", "2sra-v1", "--dry-run", *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert words in outcome.err
-
-
-def test_keys_need_a_terminal(run: Run) -> None:
-    outcome = run("jog", "--robot", "2sra-v1", "--port", "/dev/no-such-port")
-    assert outcome.code == 2
-    assert "keys need a terminal" in outcome.err
 
 
 def test_a_dry_run_sends_the_robots_number(run: Run) -> None:

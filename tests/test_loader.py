@@ -21,7 +21,7 @@ from conftest import Run
 from once import solved
 from test_seams import MODULES, imports
 
-from twosra_mpc import NoPlanError, Plan, load_plan
+from twosra_mpc import NoPlanError, Plan, Status, load_plan
 from twosra_mpc.cli import _MODULES as MODULES_OF_COMMANDS
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
@@ -80,6 +80,17 @@ def test_no_command_writes_setpoints_of_a_forged_plan(name: str, forged: Path, r
             continue
         assert done.code == REFUSED
         assert "wheels" in done.out + done.err
+        assert not list(Path().glob("out.*"))
+
+
+@pytest.mark.parametrize("name", sorted(OUTPUTS.keys() - {"verify", "report"}))
+def test_no_command_writes_anything_of_a_file_without_a_plan(name: str, run: Run) -> None:
+    none = {"plan": None, "lower_bound": None, "status": Status.FAILED, "message": "no way"}
+    replace(solved("rigid-move"), **none).save("p.json")
+    for arguments in OUTPUTS[name]:
+        done = run(name, "p.json", *arguments)
+        assert (done.code, done.out) == (REFUSED, "")
+        assert "no way" in done.err
         assert not list(Path().glob("out.*"))
 
 

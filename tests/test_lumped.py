@@ -131,59 +131,7 @@ def test_a_coil_that_exactly_makes_up_for_the_loss_heats_evenly() -> None:
             assert PAPER.energy_J(state, current_A, 60.0) == pytest.approx(heat, rel=1e-6)
 
 
-@given(MODELS, SHARES, CURRENTS_A, DURATIONS_S, DURATIONS_S)
-def test_two_steps_make_one(
-    model: Lumped, share: float, current_A: float, first_s: float, then_s: float
-) -> None:
-    state = state_at(model, share)
-    halfway = model.propagate(state, current_A, first_s)
-    (twice,) = model.propagate(halfway, current_A, then_s)
-    (once,) = model.propagate(state, current_A, first_s + then_s)
-    assert twice == pytest.approx(once, rel=1e-9, abs=1e-9 * model.latent_J)
-
-
-@given(MODELS, SHARES, SHARES, CURRENTS_A, DURATIONS_S)
-def test_warmer_stays_warmer(
-    model: Lumped, share: float, other: float, current_A: float, duration_s: float
-) -> None:
-    cold, warm = (state_at(model, each) for each in sorted((share, other)))
-    (colder,) = model.propagate(cold, current_A, duration_s)
-    (warmer,) = model.propagate(warm, current_A, duration_s)
-    assert warmer >= colder - 1e-9 * model.latent_J
-
-
-@given(MODELS, SHARES, CURRENTS_A, CURRENTS_A, DURATIONS_S)
-def test_more_current_makes_warmer(
-    model: Lumped, share: float, current_A: float, other_A: float, duration_s: float
-) -> None:
-    less, more = sorted((current_A, other_A))
-    state = state_at(model, share)
-    (colder,) = model.propagate(state, less, duration_s)
-    (warmer,) = model.propagate(state, more, duration_s)
-    assert warmer >= colder - 1e-9 * model.latent_J
-
-
 # --- energy --------------------------------------------------------------------------------------
-
-
-@given(MODELS, SHARES, CURRENTS_A, st.floats(1.0, 400.0))
-@settings(max_examples=25)
-def test_heat_in_is_heat_stored_plus_heat_lost(
-    model: Lumped, share: float, current_A: float, duration_s: float
-) -> None:
-    """The loss summed up over many short steps, by Simpson's rule."""
-    state, step_s = state_at(model, share), duration_s / 1000
-    lost = 0.0
-    (h,) = state
-    for _ in range(1000):
-        middle = model.propagate((h,), current_A, step_s / 2)
-        (after,) = model.propagate((h,), current_A, step_s)
-        edges = model.temperature_C((h,)) + model.temperature_C((after,))
-        mean = (edges + 4 * model.temperature_C(middle)) / 6
-        lost += model.loss_W_per_K * (mean - model.ambient_C) * step_s
-        h = after
-    heat = model.energy_J(state, current_A, duration_s)
-    assert heat == pytest.approx(h - state[0] + lost, abs=1e-4 * model.latent_J)
 
 
 @given(MODELS, SHARES, DURATIONS_S)

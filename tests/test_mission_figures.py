@@ -15,6 +15,7 @@ import pytest
 from forged_missions import CUP_IN_B0, fetched, reshaped
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
+from test_missions import SCENARIOS
 
 from twosra_mpc import Plan, load_problem
 from twosra_mpc.analysis.explanation import task_costs
@@ -188,19 +189,9 @@ def test_what_is_pushed_is_said_to_be_held_by_contact_alone() -> None:
     assert [row.held for row in task_costs(pushed)][:2] == [expected] * 2
 
 
-SCENARIOS = {
-    "conform-cylinder": ["conform"],
-    "grasp-cube": ["grasp", "carry"],
-    "pick-and-place": ["grasp", "carry", "release"],
-    "three-shapes": ["reach", "reach"],
-    "tidy-up": ["grasp", "carry", "release"] * 2,
-}
-
-
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_missions_are_built_in_and_come_back_from_a_report(name: str, tmp_path: Path) -> None:
     problem = load_problem(name)
-    assert [task.do for task in problem.tasks] == SCENARIOS[name]
     file = tmp_path / "scenario.toml"
     file.write_text(scenario_toml(problem))
     assert load_problem(file) == problem

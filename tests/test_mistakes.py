@@ -151,6 +151,7 @@ ROBOT_DOUBTS = [
     ("temperature_max_C = ", "temperature_max_C = 358 #", ("358 K are 84.85 degrees C",)),
 ]
 
+JOG = "jog --robot 2sra-v1 --dry-run"
 COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("plan robot.toml", ("this is a robot file, for twosra check-robot, or --robot",)),
     ("check-robot mine.toml", ("this is a scenario file, for twosra plan",)),
@@ -187,6 +188,62 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("help", ("Type twosra --help, or twosra COMMAND --help.",)),
     ("version", ("Type twosra --version.",)),
     ("animate paper-1 film.gif", ("twosra plan paper-1 --out plan.json",)),
+    ("check_robot x", ("Did you mean check-robot?",)),
+    ("xyzzy", ("No such command 'xyzzy'",)),
+    ("verify", ("Missing argument",)),
+    ("schema run", ("'scenario', 'robot', 'plan'",)),
+    ("plan rigid-move --rate 20", ("--rate is the rate of --csv, which is not given",)),
+    ("plan rigid-move --csv a.csv --rate fast", ("--rate", "fast")),
+    ("plan rigid-move --planner best", ("--planner", "best", "greedy")),
+    ("simulate paper-1 --broken-heater 3", ("broken_heaters", "3", "segments 1 and 2")),
+    ("simulate paper-1 --executor best", ("--executor", "best")),
+    ("simulate paper-1 --runs 0", ("--runs", "0")),
+    ("simulate paper-1 --seed -1", ("Invalid value for '--seed'",)),
+    ("simulate paper-1 --animate a.png", ("output = 'a.png'", ".gif or .mp4")),
+    ("simulate paper-1 --plot a.gift", ("output = 'a.gift'", ".png")),
+    ("simulate paper-1 --out missing/a.json", ("output = 'missing/a.json'", "folder")),
+    ("compare", ("SCENARIO",)),
+    ("compare paper-1 paper-9", ("scenario = 'paper-9' is not acceptable",)),
+    ("compare paper-1 --gap -1", ("gap",)),
+    ("compare paper-1 --plot a.docx", ("a file ending in",)),
+    ("compare paper-1 --plot nowhere/a.png", ("a folder that exists and can be written",)),
+    ("resample plan.json a.csv", ("--rate",)),
+    ("resample plan.json a.csv --rate 0", ("rate = 0.0", "at most 1000 Hz")),
+    ("resample plan.json a.csv --rate fast", ("--rate", "fast")),
+    ("resample plan.json a.txt --rate 1", ("output = 'a.txt'", ".csv or .json")),
+    ("resample plan.json no/a.csv --rate 1", ("output = 'no/a.csv'", "folder")),
+    ("resample plam.json a.csv --rate 1", ("plam.json", "a file that exists")),
+    ("export plan.json plan.bag", ("allowed: a file ending in .mcap or .csv",)),
+    ("export plan.json no/plan.mcap", ("a path in a folder that exists and can be written",)),
+    ("export none.json plan.mcap", ("none.json",)),
+    ("export plan.json plan.csv --rate 0", ("rate = 0.0 is not acceptable",)),
+    ("animate plan.json plan.avi", ("a file ending in .gif or .mp4",)),
+    ("animate plan.json nowhere/plan.gif", ("a folder that exists and can be written",)),
+    ("animate absent.json plan.gif", ("file = 'absent.json' is not acceptable",)),
+    ("animate plan.json plan.gif --seconds 0", ("'--seconds'",)),
+    ("animate plan.json plan.gif --seconds nan", ("Invalid value for '--seconds'",)),
+    ("import-map map.yaml --tolerance nan", ("Invalid value for '--tolerance'",)),
+    ("report missing.json out.html", ("file = 'missing.json' is not acceptable",)),
+    ("report plan.json out.pdf", ("a file ending in .html or .htm",)),
+    ("report plan.json nowhere/out.html", ("a folder that exists and can be written",)),
+    ("report plan.json folder.html", ("the path of a file, not of a folder",)),
+    ("stream plan.json", ("port or dry-run = 'neither' is not acceptable",)),
+    ("stream plan.json --dry-run --port x", ("port or dry-run = 'both' is not acceptable",)),
+    ("stream plan.json --port /dev/no-such-port", ("port = '/dev/no-such-port' is not",)),
+    ("stream plan.json --dry-run --log run.json", ("--dry-run sends nothing",)),
+    ("stream plan.json --dry-run --rate 300", ("rate = 300.0", "allowed: from 1 to 200")),
+    ("stream plan.json --dry-run --rate nan", ("rate_Hz = nan is not acceptable",)),
+    ("stream plan.json --dry-run --robot-id -1", ("Invalid value for '--robot-id'",)),
+    ("stream plan.json --dry-run --confirm maybe", ("Invalid value for '--confirm'",)),
+    (f"{JOG} --forward 0.06 --for 1", ("at most limits.speed_m_s of the robot, 0.05 m/s",)),
+    (f"{JOG} --turn -0.4 --for 1", ("at most limits.turn_rate_rad_s of the robot, 0.3",)),
+    (f"{JOG} --wheel 2 11 --for 1", ("wheel 2 = 11.0 is not acceptable",)),
+    (f"{JOG} --wheel 5 1 --for 1", ("Invalid value for '--wheel'",)),
+    (f"{JOG} --forward nan --for 1", ("speed = nan is not acceptable",)),
+    (f"{JOG} --heat 3 --for 1", ("heat = 3 is not acceptable; allowed: a segment from 1",)),
+    (f"{JOG} --forward 0.01 --for 0", ("for = 0.0 is not acceptable",)),
+    (f"{JOG} --wheel 1 1", ("for = None is not acceptable",)),
+    ("jog --robot 2sra-v1 --port /dev/no-such-port", ("keys need a terminal",)),
 ]
 
 HERE = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
@@ -235,6 +292,7 @@ def there(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("time_s,temperature_C\n0,25\n")
     (tmp_path / "map.json").write_text('{"type": "FeatureCollection", "features": []}')
     (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.html").mkdir()
     (tmp_path / "picture.png").write_bytes(b"\x89PNG\r\n")
     (tmp_path / "batch.toml").write_text("[random]\nseed = 0\n[grid]\n")
 
@@ -256,9 +314,11 @@ def test_a_slip_at_the_prompt_is_answered_with_what_to_type(
     command: str, words: tuple[str, ...], run_as_is: Run, tmp_path: Path
 ) -> None:
     solved("rigid-move").save(tmp_path / "plan.json")
+    before = sorted(tmp_path.iterdir())
     code, out, err = run_as_is(*command.split())
     assert (code, out) == (2, "")
     assert_helpful(err, words)
+    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize(("make", "words"), PYTHON)

@@ -12,20 +12,18 @@ from thermal_problems import (
     SEQUENCES,
     SPANS_S,
     V1,
-    V2,
     settled,
     thermal_model,
     thermal_problem,
     thermal_problems,
 )
 
-from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
+from twosra_mpc import Goal, Problem, Start, Status, plan
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.heating import TemperatureTrajectory
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.timing import transition_model
 
-robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)
 ONE_HEATER = "mode [1,1] needs both heaters at once, but heaters_at_once is 1"
 timings = pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
 
@@ -54,24 +52,6 @@ def test_no_two_heaters_are_on_at_once_and_that_never_costs_less(timing: str, se
     # Each is optimal to 1 % only, so that only bounds and costs can be compared.
     assert costs[0][1] >= costs[1][0]
     assert costs[0][1] >= 0.99 * costs[1][1]
-
-
-@timings
-@robots
-def test_a_task_for_both_segments_together_is_proved_infeasible_in_words(
-    robot: Robot, timing: str
-) -> None:
-    if timing not in robot.timing:
-        timing = "constant"
-    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (5.0, 5.0)}
-    given = {"robot": robot, "start": start, "goal": {"kappa_per_m": (15.0, 15.0)}}
-    both = {"timing": timing, "modes": [RIGID, SOFT_BOTH]}
-    assert plan(Problem(**given, **both)).status is Status.OPTIMAL
-    result = plan(Problem(**given, **both, heaters_at_once=1))
-    assert result.status is Status.INFEASIBLE
-    assert ONE_HEATER in result.message
-    assert "heaters_at_once is 1" in result.message
-    assert "allowed modes are [0,0], [1,1]" in result.message
 
 
 @settings(max_examples=30)

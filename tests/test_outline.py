@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import ROBOT
+from test_segments import arc, frame
 
 from twosra_mpc import InputError, Robot
 from twosra_mpc.model.kinematics import kinematics
@@ -48,25 +49,11 @@ def placed_robots(draw: st.DrawFn) -> tuple[Geometry, np.ndarray]:
     return chosen, np.array([*pose, *np.divide(bends, chosen.lengths_m)])
 
 
-def frame(x: float, y: float, angle: float) -> np.ndarray:
-    """Homogeneous matrix of a frame at (x, y), turned by ``angle``."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, x], [s, c, y], [0, 0, 1]])
-
-
-def bent(kappa: float, length_m: float) -> np.ndarray:
-    """Frame at the end of an arc that starts at the origin along x."""
-    alpha = kappa * length_m
-    if abs(alpha) < 1e-7:
-        return frame(length_m, alpha * length_m / 2, alpha)
-    return frame(math.sin(alpha) / kappa, (1 - math.cos(alpha)) / kappa, alpha)
-
-
 def walked(g: Geometry, q: np.ndarray) -> list[np.ndarray]:
     """Frames of the ends of every segment, walking from LU1 to LU2 without any b0 in between."""
     frames, at = [], np.eye(3)
     for length_m, kappa in zip(g.lengths_m, q[3:], strict=True):
-        frames += [at, at := at @ bent(kappa, length_m)]
+        frames += [at, at := at @ arc(kappa, length_m)]
         at = at @ frame(g.middle_link_m, 0, 0)
     half_link = g.middle_link_m / 2 if g.segments > 1 else 0.0
     b0 = frames[2 * (g.segments // 2)] @ frame(-half_link, 0, 0)
@@ -111,10 +98,10 @@ def test_segments_are_arcs_of_the_right_length_and_curvature(
     robot: tuple[Geometry, np.ndarray],
 ) -> None:
     g, q = robot
-    for arc, kappa, length_m in zip(
+    for line, kappa, length_m in zip(
         robot_shape(g, q, 400).segments, q[3:], g.lengths_m, strict=True
     ):
-        steps = np.diff(arc, axis=0)
+        steps = np.diff(line, axis=0)
         length = np.linalg.norm(steps, axis=1)
         assert length.sum() == pytest.approx(length_m, rel=1e-4)
         turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))

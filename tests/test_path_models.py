@@ -19,7 +19,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.problem.limits import UNIT_GAP, broken_by_shapes, most_gaps_m
 from twosra_mpc.robot.description import PATH_MODELS, with_path_model
-from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.paths import ArcPath
 
 V2 = load_robot("2sr-v2")
@@ -68,47 +68,6 @@ def test_every_model_says_what_its_speed_is_and_carries_its_wheel_map() -> None:
     speeds = {path_model(with_path_model(ROBOT, name)).speed for name in PATH_MODELS}
     assert all("speed" in text or "end" in text for text in speeds)
     assert len(speeds) == 3
-
-
-def test_an_unknown_path_model_is_refused() -> None:
-    with pytest.raises(InputError) as error:
-        with_path_model(ROBOT, "spline")
-    assert error.value.field == "path.model"
-    assert "cardioid" in error.value.allowed
-
-
-def wheel_in_world(robot: Robot, q: np.ndarray, wheel: int) -> tuple[np.ndarray, np.ndarray]:
-    """Position and drive direction of a wheel in the world."""
-    x, y, psi = kinematics(robot).wheel_poses(q).full()[:, wheel]
-    c, s = math.cos(q[2]), math.sin(q[2])
-    direction = np.array([math.cos(q[2] + psi), math.sin(q[2] + psi)])
-    return np.array([q[0] + c * x - s * y, q[1] + s * x + c * y]), direction
-
-
-ARC_ROBOTS = [with_path_model(ROBOT, "arc"), FIBRE_END]
-
-
-@pytest.mark.parametrize("robot", ARC_ROBOTS, ids=["side_wheel", "fibre_end"])
-@pytest.mark.parametrize("mode", [RIGID, SOFT_1, SOFT_2, SOFT_BOTH])
-def test_the_exact_wheel_map_rolls_every_wheel_as_far_as_it_travels(
-    robot: Robot, mode: Mode
-) -> None:
-    rng = np.random.default_rng(2)
-    flow, function = interval_flow(robot, 4), kinematics(robot).wheel_matrix
-    for _ in range(5):
-        q = np.concatenate([rng.uniform(-1, 1, 3), rng.uniform(-45, 45, 2)])
-        v = rng.uniform(-1, 1, 5) * (
-            np.array([0, 0, 1, 1, 1]) if mode == RIGID else [1, 1, 0, 0, 0]
-        )
-        step = 1e-5
-        ahead, behind = (flow(q, sign * step * v, mode).full()[:, 0] for sign in (1, -1))
-        said = function(q, mode).full() @ v * robot.geometry.wheel_radius_m
-        for wheel in range(4):
-            forward, _ = wheel_in_world(robot, ahead, wheel)
-            backward, _ = wheel_in_world(robot, behind, wheel)
-            _, direction = wheel_in_world(robot, q, wheel)
-            rolled = direction @ (forward - backward) / (2 * step)
-            assert said[wheel] == pytest.approx(rolled, abs=2e-7)
 
 
 def test_straight_arcs_turn_the_other_wheel_of_the_moving_unit_too() -> None:

@@ -309,15 +309,6 @@ def test_a_notebook_shows_the_figure_or_why_there_is_none(infeasible: Result) ->
     assert "<img" not in infeasible._repr_html_()
 
 
-def test_a_plan_without_a_figure_loads_no_matplotlib() -> None:
-    code = (
-        "import sys; from twosra_mpc import load_problem, plan;"
-        "repr(plan(load_problem('paper-2')));"
-        "sys.exit('matplotlib' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 @pytest.mark.parametrize("ending", [*Ending, None])
 def test_why_the_search_ended_is_in_the_file(
     infeasible: Result, ending: Ending | None, tmp_path: Path

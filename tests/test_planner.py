@@ -6,6 +6,7 @@ import itertools
 import math
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,7 +18,6 @@ import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import (
     ContradictionError,
     Goal,
-    NoPlanError,
     PlanInterrupted,
     Problem,
     Start,
@@ -185,25 +185,6 @@ def test_free_coordinates_and_tolerances_never_cost_more() -> None:
     assert near.duration_s < 300  # [1,1] alone comes within 2 1/m of both curvatures
 
 
-def test_infeasible_is_proved_and_explained() -> None:
-    result = solved("paper-1", modes=[RIGID, SOFT_BOTH], robot=ROBOT)
-    assert result.status is Status.INFEASIBLE
-    assert "must also be bent alone" in result.message
-    assert "kappa1 from -38 to -15" in result.message
-    assert result.plan is result.gap is result.lower_bound is None
-    with pytest.raises(NoPlanError, match="infeasible") as error:
-        result.require()
-    assert error.value.reason == result.message
-
-
-def test_too_few_phases_is_not_called_infeasible() -> None:
-    result = solved("paper-1", max_phases=3, robot=ROBOT)
-    assert result.status is Status.FAILED
-    assert "raise max_phases" in result.message
-    assert result.lower_bound is not None
-    assert result.lower_bound <= planned("paper-1", robot=ROBOT).duration_s
-
-
 def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
     result = solved("paper-1", work_limit=1e-9, robot=ROBOT)
     assert result.status is Status.FAILED
@@ -214,10 +195,7 @@ def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
 
 
 def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(PlanInterrupted, match="interrupted") as raised:  # which ends a user's loop
         plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     result = raised.value.result
@@ -293,14 +271,6 @@ def test_an_interrupt_before_any_plan_verifies_ends_the_search(
     assert "no plan found (interrupted" in result.message
 
 
-def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:
-    result = solved("rigid-move", gap=0.0, robot=ROBOT)
-    assert result.status is Status.FEASIBLE
-    assert result.gap is not None
-    assert 0 < result.gap < 0.02
-    assert result.ending is Ending.EXHAUSTED
-
-
 def test_progress_is_reported() -> None:
     seen: list[Progress] = []
     plan(load_problem("paper-3", robot=ROBOT), on_progress=seen.append)
@@ -329,11 +299,6 @@ def test_weights_enter_cost_and_bound() -> None:
     assert result.lower_bound is not None
     assert cost.time_s < result.lower_bound <= cost.total
     assert result.status is Status.OPTIMAL
-
-
-def test_planning_is_reproducible() -> None:
-    first, second = (plan(random_problem(40)).require() for _ in range(2))
-    np.testing.assert_array_equal(first.samples.q, second.samples.q)
 
 
 @pytest.mark.parametrize("modes", [[RIGID], [RIGID, SOFT_2], [RIGID, SOFT_1, SOFT_2, SOFT_BOTH]])

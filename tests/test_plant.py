@@ -16,7 +16,7 @@ from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.robot_interface import Camera
-from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
+from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
@@ -355,15 +355,6 @@ def test_lengths_are_drawn_about_the_robots() -> None:
 
 
 # --- bad input -----------------------------------------------------------------------------------
-
-
-def test_what_is_unknown_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match=r"plant = 'spring'.*one of as-planned, log_spiral"):
-        SimulatedRobot(problem(), "spring")
-    with pytest.raises(InputError, match=r"disturbance = 'soft'.*none, mild, moderate, hard"):
-        disturbance_level("soft")
-    with pytest.raises(InputError, match=r"broken_heaters = \[3\].*segments 1 and 2"):
-        SimulatedRobot(problem(), broken_heaters=[3])
 
 
 def test_a_robot_without_a_description_of_its_segments_is_refused() -> None:

@@ -36,7 +36,6 @@ from twosra_mpc.plotting import (
     draw_configuration,
     draw_melt_fractions,
     draw_outline,
-    draw_robot,
     draw_temperatures,
     draw_timeline,
     draw_wheel_speeds,
@@ -53,7 +52,6 @@ from twosra_mpc.plotting.figures import (
     picture_address,
 )
 from twosra_mpc.plotting.plane import robot_artists
-from twosra_mpc.robot.modes import MODES, Mode
 
 ROBOT = load_robot("2sra-v1")
 TIMELINE = 5  # axes over time: stiffness, curvature, wheel speed, temperature, melt fraction
@@ -80,23 +78,6 @@ def colour(soft: int) -> str:
 
 
 # --- the robot
-
-
-@pytest.mark.parametrize("changing", MODES)
-@pytest.mark.parametrize("mode", MODES)
-def test_a_segment_is_red_blue_or_hatched_as_it_is_soft_rigid_or_changing(
-    mode: Mode, changing: Mode
-) -> None:
-    ax = axes_of()
-    assert draw_robot(ax, ROBOT.geometry, BENT, mode, changing=changing) is ax
-    arcs = robot_shape(ROBOT.geometry, BENT).segments
-    for line, soft, changes, arc in zip(ax.lines, mode, changing, arcs, strict=False):
-        changing_to = FREEZING_COLOUR if soft else CHANGING_COLOUR
-        assert same_color(line.get_color(), changing_to if changes else colour(soft))
-        np.testing.assert_array_equal(line.get_xydata(), arc)
-    hatches = [line.get_xydata() for line in ax.lines if same_color(line.get_color(), "white")]
-    expected = [arc for arc, changes in zip(arcs, changing, strict=True) if changes]
-    np.testing.assert_array_equal(hatches, expected)
 
 
 DEUTERANOPIA = ((0.367322, 0.860646, -0.227968), (0.280085, 0.672501, 0.047413))
@@ -223,7 +204,7 @@ def test_a_plan_without_motion_can_be_drawn() -> None:
 # --- over time
 
 
-@pytest.mark.parametrize(("name", "planner"), PLANS)
+@pytest.mark.parametrize(("name", "planner"), [*PLANS, ("three-segments", "optimal")])
 def test_bars_are_soft_exactly_where_the_mode_is(name: str, planner: str) -> None:
     result = planned(name, planner=planner)
     t = result.samples.t_s

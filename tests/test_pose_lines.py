@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from once import planned, solved
-from simulated_firmware import SimulatedFirmware
+from simulated_firmware import SimulatedFirmware, assert_off
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot
 from twosra_mpc.execution.run import Ending, load_run
@@ -146,12 +146,6 @@ class SeenByLines(SimulatedFirmware):
     def _written(self) -> bytes:
         written, self._lines = self._lines, b""
         return written
-
-
-def assert_off(firmware: SimulatedFirmware) -> None:
-    firmware.receive()
-    assert {item.heated for item in firmware.received[-STOPS:]} == {(0, 0)}
-    assert not any(any(item.wheel_rad_s) for item in firmware.received[-STOPS:])
 
 
 def test_lines_of_poses_close_the_loop_and_bad_ones_among_them_change_nothing(

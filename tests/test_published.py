@@ -20,7 +20,6 @@ from twosra_mpc.robot.modes import MODES, Mode
 Q = tuple[float, float, float, float, float]
 FloatArray = NDArray[np.float64]
 
-SEGMENT_M = 0.04
 ROUNDING = 1e-12  # published rows are reproduced to about 1e-14; m, rad or 1/m
 GAIN_LIMIT_ITERATION = 799  # first iteration (from 0) with t DT = (i + 1) DT^2 >= 2 at DT = 0.05
 
@@ -310,44 +309,6 @@ def test_iteration_limit_is_reported_with_the_configuration_so_far() -> None:
 # --- Jacobian -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("mode", "column", "row", "rate"),
-    [
-        # Spiral / exact ratio at alpha = 0 times the exact rate, rounded to 1e-3 of it: I, II, III.
-        ((0, 1), 1, 4, 0.872 * 1250.0),
-        ((0, 1), 0, 4, 0.884 * 277.8),
-        ((1, 1), 0, 4, 1.698 * 227.3),
-    ],
-)
-def test_bend_rates_of_the_straight_robot(mode: Mode, column: int, row: int, rate: float) -> None:
-    jacobian = published_jacobian(np.zeros(5), np.zeros(5), mode)
-    assert jacobian[row, column] == pytest.approx(rate, rel=1e-3)
-
-
-@each_soft_mode
-def test_the_link_turns_by_the_bending_angle(mode: Mode) -> None:
-    q = random_configuration(np.random.default_rng(1))
-    jacobian = published_jacobian(q, q, mode)
-    if mode[1]:  # LU 1 moves, the end of segment 2 is held: d phi = -l d kappa_2
-        assert jacobian[2, 0] == pytest.approx(-SEGMENT_M * jacobian[4, 0])
-    if mode[0]:
-        assert jacobian[2, 1] == pytest.approx(SEGMENT_M * jacobian[3, 1])
-
-
-@each_soft_mode
-def test_mirroring_the_robot_exchanges_its_segments(mode: Mode) -> None:
-    """Reflect in the robot's y axis: x, phi and the two sides change, y and kappa do not."""
-    rng = np.random.default_rng(2)
-    q, q_start = random_configuration(rng), random_configuration(rng)
-    reflect = np.array([-1.0, 1.0, -1.0, 1.0, 1.0])
-    exchange = [0, 1, 2, 4, 3]
-    mirrored = published_jacobian(
-        (reflect * q)[exchange], (reflect * q_start)[exchange], (mode[1], mode[0])
-    )
-    expected = published_jacobian(q, q_start, mode)[:, [1, 0, 2, 3, 4]]
-    np.testing.assert_allclose(mirrored, (reflect[:, None] * expected)[exchange], atol=1e-12)
-
-
 @each_soft_mode
 def test_soft_columns_follow_the_start_of_the_plan_not_the_present_pose(mode: Mode) -> None:
     rng = np.random.default_rng(3)
@@ -360,15 +321,6 @@ def test_soft_columns_follow_the_start_of_the_plan_not_the_present_pose(mode: Mo
     np.testing.assert_allclose(
         published_jacobian(q, turned, mode)[:2], rotation @ jacobian[:2], atol=1e-12
     )
-
-
-def test_rigid_and_soft_inputs_exclude_each_other() -> None:
-    q = random_configuration(np.random.default_rng(4))
-    for mode in MODES:
-        jacobian = published_jacobian(q, q, mode)
-        idle = jacobian[:, :2] if mode == (0, 0) else jacobian[:, 2:]
-        assert not np.any(idle)
-        assert np.linalg.matrix_rank(jacobian) == (3 if mode == (0, 0) else 2)
 
 
 # --- bad input ------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 import shlex
-from dataclasses import fields, replace
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -31,7 +31,7 @@ from twosra_mpc import (
     load_problem,
 )
 from twosra_mpc.plans.plan import percent
-from twosra_mpc.plans.trajectory import Samples, stiffness_intervals
+from twosra_mpc.plans.trajectory import stiffness_intervals
 from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import page as page_module
@@ -107,14 +107,6 @@ def without_plan(result: Result, status: Status) -> Result:
 
 
 # --- the data ------------------------------------------------------------------------------------
-
-
-def test_the_plan_in_the_page_is_the_plan(paper: Result, page: str, tmp_path: Path) -> None:
-    saved = result_in(page, tmp_path)
-    assert saved.to_dict() == paper.to_dict()
-    for item in fields(Samples):
-        expected = getattr(paper.plan.samples, item.name)
-        assert np.array_equal(getattr(saved.plan.samples, item.name), expected)
 
 
 @pytest.mark.parametrize(
@@ -414,32 +406,6 @@ def test_there_is_a_report_of_having_no_plan(paper: Result, run: Run, tmp_path: 
     size = (tmp_path / "none.html").stat().st_size
     assert json.loads(out) == {"file": "none.html", "bytes": size, "status": "infeasible"}
     assert "no way" in (tmp_path / "none.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "problem"),
-    [
-        ("missing.json", "out.html", "file = 'missing.json' is not acceptable"),
-        ("other.json", "out.html", "'twosra-plan' version 1"),
-        ("text.json", "out.html", "a plan in JSON"),
-        ("plan.json", "out.pdf", "a file ending in .html or .htm"),
-        ("plan.json", "nowhere/out.html", "a path in a folder that exists and can be written"),
-        ("plan.json", "folder.html", "the path of a file, not of a folder"),
-    ],
-)
-def test_bad_input_is_named(
-    paper: Result, run: Run, source: str, target: str, problem: str, tmp_path: Path
-) -> None:
-    paper.save("plan.json")
-    Path("other.json").write_text('{"format": "something else"}', encoding="utf-8")
-    Path("text.json").write_text("hello", encoding="utf-8")
-    Path("folder.html").mkdir()
-    before = sorted(tmp_path.iterdir())
-    code, out, err = run("report", source, target)
-    assert (code, out) == (2, "")
-    assert problem in err
-    assert "Traceback" not in err
-    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_writing_from_python_checks_the_ending(paper: Result, tmp_path: Path) -> None:

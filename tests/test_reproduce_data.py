@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -179,10 +180,7 @@ def test_a_report_needs_a_folder_that_can_be(run: Run, tmp_path: Path) -> None:
 
 
 def test_an_interrupted_command_says_so(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("twosra_mpc.lab.paper.reproduce", interrupt)
+    monkeypatch.setattr("twosra_mpc.lab.paper.reproduce", Mock(side_effect=KeyboardInterrupt))
     code, out, err = run("reproduce", "--out", "paper")
     assert (code, out) == (130, "")
     assert err == "twosra: interrupted before there was a result"

@@ -124,12 +124,3 @@ def test_check_robot_reports_singular_shapes(name: str, capsys: pytest.CaptureFi
     else:
         assert "kappa = (39.6, 58.8) 1/m" in out
         assert "units overlap" in out
-
-
-def test_the_path_model_can_be_chosen_on_the_command_line(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert run("plan", "paper-4", "--robot", "2sra-v1-paper", "--path-model", "arc") == 0
-    assert "298.8 s" in capsys.readouterr().out
-    assert run("plan", "paper-4", "--path-model", "spline") == 2
-    assert "path.model" in capsys.readouterr().err

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import signal
 import tomllib
 from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any, get_args
 
 import pytest
+from conftest import Run
 from jsonschema import Draft7Validator
 from once import solved
 from test_problem import ROBOT, SCENARIO, changed, without
 
-from twosra_mpc import InputError, Result, cli, robot_names, scenario_names
+from twosra_mpc import InputError, Result, robot_names, scenario_names
 from twosra_mpc.keys import describe
 from twosra_mpc.plans.result import PlanDocument
 from twosra_mpc.problem.problem import Problem
@@ -235,23 +235,7 @@ def test_the_unit_is_that_of_the_name(key: str, unit: str) -> None:
 
 
 @pytest.mark.parametrize("subject", get_args(Subject))
-def test_the_command_prints_the_schema(
-    subject: Subject, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["schema", subject])
-    signal.signal(signal.SIGTERM, before)
-    assert caught.value.code == 0
-    out, err = capsys.readouterr()
+def test_the_command_prints_the_schema(subject: Subject, run_as_is: Run) -> None:
+    code, out, err = run_as_is("schema", subject)
+    assert (code, err) == (0, "")
     assert json.loads(out) == json_schema(subject)
-    assert err == ""
-
-
-def test_other_subjects_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["schema", "run"])
-    signal.signal(signal.SIGTERM, before)
-    assert caught.value.code == 2
-    assert "'scenario', 'robot', 'plan'" in capsys.readouterr().err

@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from problems import ROBOT, random_problem
+from problems import ROBOT
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot, plan
 from twosra_mpc.lab.bench.singular_shapes import condition_number, singular_shapes
@@ -18,53 +16,6 @@ from twosra_mpc.problem.ends import check_shapes, may_drive
 from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.robot.geometry import Wheel
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH
-
-KAPPA = st.tuples(st.floats(-78, 78), st.floats(-78, 78))
-
-
-def corners(kappa: tuple[float, float], segment: int) -> np.ndarray:
-    """Corners of a locomotion unit in b0, from arcs alone."""
-    g = ROBOT.geometry
-    alpha = kappa[segment] * g.lengths_m[0]
-    side = (-1, 1)[segment]
-    if abs(alpha) > 1e-9:
-        along = math.sin(alpha) / kappa[segment]
-        across = (1 - math.cos(alpha)) / kappa[segment]
-    else:
-        along, across = g.lengths_m[0], 0.0
-    end = np.array([side * (g.middle_link_m / 2 + along), across])
-    x_axis = np.array([math.cos(side * alpha), math.sin(side * alpha)])
-    y_axis = np.array([-x_axis[1], x_axis[0]])
-    middle, half = g.end_link_m + g.unit_side_m / 2, g.unit_frame_m / 2
-    out = (middle - half, middle + half)
-    return np.array([end + side * d * x_axis + h * y_axis for d in out for h in (-half, half)])
-
-
-@settings(deadline=None, derandomize=True, max_examples=50)
-@given(kappa=KAPPA)
-def test_units_are_apart_exactly_when_a_line_separates_their_corners(
-    kappa: tuple[float, float],
-) -> None:
-    first, second = corners(kappa, 0), corners(kappa, 1)
-    best = -math.inf
-    for points in (first, second):
-        for a, b in ((0, 1), (0, 2)):
-            axis = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
-            p, r = first @ axis, second @ axis
-            best = max(best, r.min() - p.max(), p.min() - r.max())
-    assert shape_margins(ROBOT, kappa)["unit_gap_m"][0] == pytest.approx(best, abs=1e-7)
-
-
-@settings(deadline=None, derandomize=True, max_examples=50)
-@given(kappa=KAPPA)
-def test_the_independence_margin_is_below_the_smallest_singular_value(
-    kappa: tuple[float, float],
-) -> None:
-    matrix = kinematics(ROBOT).wheel_matrix([0, 0, 0, *kappa], RIGID).full()[:, 2:]
-    scaled = matrix * ROBOT.geometry.wheel_radius_m * np.array([1, 1, 10.0])
-    smallest = np.linalg.svd(scaled, compute_uv=False)[-1]
-    bound = shape_margins(ROBOT, kappa)["wheel_independence"][0] + ROBOT.limits.wheel_independence
-    assert 0 <= bound <= smallest + 1e-6
 
 
 def test_condition_numbers_of_the_papers_geometry() -> None:
@@ -156,13 +107,6 @@ def test_overlapping_shapes_are_refused_by_name() -> None:
     check_shapes(base)
 
 
-@pytest.mark.parametrize("seed", range(70, 76))
-def test_plans_keep_the_units_apart_all_the_way(seed: int) -> None:
-    result = plan(random_problem(seed))
-    assert result.found
-    assert shape_margins(ROBOT, result.plan.samples.q[:, 3:])["unit_gap_m"].min() >= 0
-
-
 def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
     """From (60, -50) to (-40, 62): bending one segment first would bring the units together."""
     problem = Problem(
@@ -173,23 +117,6 @@ def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
     result = plan(problem)
     assert result.found
     assert shape_margins(ROBOT, result.plan.samples.q[:, 3:])["unit_gap_m"].min() >= 0
-
-
-@pytest.mark.parametrize(
-    ("wheels", "field"),
-    [
-        ([{"x_m": 0.0, "y_m": 0.0, "angle_rad": 0.0}] * 3, "geometry.wheels"),
-        ([{"x_m": 0.0, "y_m": 0.0, "angle_rad": 0.0}] * 4, "geometry.wheels.1"),
-    ],
-)
-def test_wheels_that_coincide_or_are_missing_are_refused(
-    wheels: list[dict[str, float]], field: str
-) -> None:
-    data = ROBOT.model_dump()
-    data["geometry"]["wheels"] = wheels
-    with pytest.raises(InputError) as error:
-        Robot(**data)
-    assert error.value.field == field
 
 
 def test_units_hang_where_their_wheels_are() -> None:

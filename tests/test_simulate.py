@@ -130,30 +130,6 @@ def _without_none(document: dict[str, object]) -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["paper-1", "--plant", "spring"], ["plant = 'spring'", "as-planned, log_spiral"]),
-        (["paper-1", "--disturbance", "soft"], ["disturbance = 'soft'", "none, mild, moderate"]),
-        (["paper-1", "--broken-heater", "3"], ["broken_heaters", "3", "segments 1 and 2"]),
-        (["paper-1", "--executor", "best"], ["--executor", "best"]),
-        (["paper-1", "--runs", "0"], ["--runs", "0"]),
-        (["paper-11"], ["scenario = 'paper-11'", "did you mean paper-1?"]),
-        (["paper-1", "--animate", "a.png"], ["output = 'a.png'", ".gif or .mp4"]),
-        (["paper-1", "--plot", "a.gift"], ["output = 'a.gift'", ".png"]),
-        (["paper-1", "--out", "missing/a.json"], ["output = 'missing/a.json'", "folder"]),
-    ],
-)
-def test_bad_input_is_named_and_nothing_is_run(
-    run: Run, arguments: list[str], words: list[str], tmp_path: Path
-) -> None:
-    code, out, err = run(*arguments)
-    assert (code, out) == (2, "")
-    for word in words:
-        assert word in err
-    assert not list(tmp_path.iterdir())
-
-
 # --- figure --------------------------------------------------------------------------------------
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -32,7 +33,6 @@ ARC = load_robot("2sra-v1")
 LIMITS = ARC.limits
 MOST = LIMITS.wheel_acceleration_rad_s2 or 0.0
 EAGER = ARC.with_values(limits=LIMITS.with_values(control_period_s=None))
-SEQUENCE = (RIGID, SOFT_1, SOFT_BOTH)
 
 
 def drive(robot: Robot, twist: tuple[float, float, float]) -> Motion:
@@ -300,11 +300,8 @@ def test_a_long_sequence_of_short_phases_is_driven_gently_as_well() -> None:
 
 
 def test_ctrl_c_while_a_plan_is_made_gentle_keeps_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
     quick = solved("paper-2", motion="fastest")
-    monkeypatch.setattr(planner_module, "gentle", interrupted)
+    monkeypatch.setattr(planner_module, "gentle", Mock(side_effect=KeyboardInterrupt))
     kept = planner_module.plan_until_interrupted(load_problem("paper-2"))
     assert kept.ending is Ending.INTERRUPTED
     assert kept.require().cost == quick.require().cost

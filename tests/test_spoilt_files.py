@@ -117,23 +117,6 @@ def test_what_a_killed_program_left_is_gone_with_the_next_write(tmp_path: Path) 
     assert set(tmp_path.iterdir()) == {out, alive, other}
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("animate", "plan.json", "film.gif", "--seconds", "nan"),
-        ("import-map", "map.yaml", "--tolerance", "nan"),
-        ("simulate", "paper-1", "--seed", "-1"),
-    ],
-)
-def test_numbers_that_are_none_are_bad_input(
-    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(list(arguments))
-    assert ended.value.code == 2
-    assert f"Invalid value for '{arguments[-2]}'" in capsys.readouterr().err
-
-
 def test_an_image_too_large_to_be_one_is_refused_quietly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,19 +158,6 @@ def test_an_interrupt_of_which_a_library_makes_an_error_is_one(
         main(["plan", "paper-1"])
     assert ended.value.code == 130
     assert "bug" not in capsys.readouterr().err
-
-
-def test_no_memory_is_not_called_a_bug(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def too_large(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(planning, "plan_until_interrupted", too_large)
-    with pytest.raises(SystemExit) as ended:
-        main(["plan", "paper-1"])
-    assert ended.value.code == 2
-    assert "more memory than there is" in capsys.readouterr().err
 
 
 def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

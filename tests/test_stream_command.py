@@ -182,27 +182,6 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     assert "before the plan began: no temperature report within 0.2 s" in outcome.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((), "port or dry-run = 'neither' is not acceptable"),
-        (("--dry-run", "--port", "x"), "port or dry-run = 'both' is not acceptable"),
-        (("--port", "/dev/no-such-port"), "port = '/dev/no-such-port' is not acceptable"),
-        (("--dry-run", "--log", "run.json"), "--dry-run sends nothing"),
-        (("--dry-run", "--rate", "300"), "rate = 300.0 is not acceptable; allowed: from 1 to 200"),
-        (("--dry-run", "--rate", "nan"), "rate_Hz = nan is not acceptable"),
-        (("--dry-run", "--robot-id", "-1"), "Invalid value for '--robot-id'"),
-        (("--dry-run", "--confirm", "maybe"), "Invalid value for '--confirm'"),
-    ],
-)
-def test_bad_input_is_refused(
-    run: Run, saved: Path, arguments: tuple[str, ...], words: str
-) -> None:
-    outcome = run("stream", saved, *arguments)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert words in outcome.err
-
-
 def test_a_plan_that_keeps_a_segment_warm_is_refused(run: Run, tmp_path: Path) -> None:
     (tmp_path / "p.json").write_text(json.dumps(as_file(kept_warm())))
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
@@ -218,18 +197,6 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(run: Run, tmp_pat
         assert words in refused.err
     accepted = run("stream", tmp_path / "p.json", "--dry-run", "--accept-paper-wheels")
     assert (accepted.code, accepted.err) == (0, "")
-
-
-def test_a_plan_that_was_not_found_is_refused(run: Run, tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    from twosra_mpc import Status
-
-    failed = replace(solved("rigid-move"), status=Status.FAILED)
-    failed.save(tmp_path / "p.json")
-    outcome = run("stream", tmp_path / "p.json", "--dry-run")
-    assert (outcome.code, outcome.out) == (4, "")
-    assert "no verified plan (failed)" in outcome.err
 
 
 def test_without_pyserial_the_error_says_how_to_install_it(

@@ -96,12 +96,6 @@ def test_a_mission_may_end_where_its_last_task_does(last: dict[str, Any]) -> Non
     assert problem.goal.mode == (0, 0)
 
 
-def test_anywhere_has_a_stiffness_for_each_segment() -> None:
-    segments = load_problem("rigid-move", robot="2sra-v1").robot
-    assert Anywhere().of_robot(segments).mode == (0, 0)
-    assert not Anywhere().error(np.ones(5)).any()
-
-
 def test_a_box_to_pass_at_the_end_needs_a_goal() -> None:
     assert refused({"do": "pass", "x_m": [0.0, 0.1]}).startswith("goal is missing")
     assert VALIDATOR.is_valid(document({"do": "pass", "x_m": [0.0, 0.1]}, goal=GOAL))

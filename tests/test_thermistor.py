@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -186,18 +186,6 @@ def test_a_lag_of_nothing_is_the_limit_of_a_short_one(
     assert exact == pytest.approx(short, abs=1e-5)
 
 
-@given(LAGS_S, LAGS_S, TEMPERATURES_C, st.floats(0.0, 30.0), st.floats(0.0, 30.0))
-def test_two_steps_make_one(
-    tau_1: float, tau_2: float, target: float, first_s: float, then_s: float
-) -> None:
-    lags = (tau_1, tau_2)
-    halfway = follow((20.0, 20.0), lags, target, target, first_s)
-    twice = follow(halfway, lags, target, target, then_s)
-    assert twice == pytest.approx(
-        follow((20.0, 20.0), lags, target, target, first_s + then_s), abs=1e-9
-    )
-
-
 def test_a_sensor_touches_its_share_of_the_excess_over_the_air() -> None:
     sensor = replace(quiet(), gain=0.75)
     assert sensor.settled(65.0) == (55.0, 55.0)
@@ -219,8 +207,3 @@ def test_a_robots_file_says_how_its_sensor_lags() -> None:
 def test_a_sensor_is_refused_in_air_that_it_cannot_read() -> None:
     with pytest.raises(InputError, match=r"ambient_C = -5\.0 .* from 0 to 85 C"):
         temperature_sensor(load_robot("2sra-v1"), -5.0, 0, LINE)
-
-
-def test_a_sensor_is_frozen() -> None:
-    with pytest.raises(FrozenInstanceError):
-        quiet().gain = 2.0  # type: ignore[misc]

@@ -13,25 +13,6 @@ from twosra_mpc.planning.bounds.schedule import cost_coefficients, schedule
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
 
-# Constants of the built-in robot: melt 63 s (the last 37 s changing), freeze 253 s (the last 235 s
-# changing). By hand: 298 s = 63 + 253 - 18, 335 s = 63 + 37 + 235.
-BY_HAND = [
-    ((RIGID,), 0.0),
-    ((RIGID, SOFT_1, RIGID), 63 + 235),
-    ((RIGID, SOFT_BOTH, RIGID), 63 + 235),
-    ((RIGID, SOFT_1, SOFT_BOTH, RIGID), 63 + 37 + 235),
-    ((RIGID, SOFT_BOTH, SOFT_2, RIGID), 63 + 235 + 235),
-    ((RIGID, SOFT_1, SOFT_2, RIGID), 63 + 235 + 235),
-    ((RIGID, SOFT_1, RIGID, SOFT_2, RIGID), 63 + 235 + 37 + 235),
-    ((RIGID, SOFT_1, RIGID, SOFT_1, RIGID), 63 + 235 + 26 + 37 + 235),
-]
-# The authors' sleeps: heat 100 s, freeze 300 s, any soft mode to another 502 s.
-BY_HAND_PAPER = [
-    ((SOFT_1, RIGID), 100 + 300),
-    ((SOFT_2, SOFT_1, RIGID), 100 + 502 + 300),
-    ((SOFT_BOTH, SOFT_2, SOFT_1, RIGID), 1404.0),
-]
-
 SEQUENCES = st.lists(st.sampled_from(MODES), min_size=1, max_size=6).map(
     lambda modes: tuple(m for i, m in enumerate(modes) if i == 0 or modes[i - 1] != m)
 )
@@ -48,23 +29,6 @@ def scheduled(problem: Problem, network: TemporalNetwork, durations: list[float]
     times = schedule(network, np.array(durations), problem.cost_weights)
     assert times is not None
     return list(times)
-
-
-@pytest.mark.parametrize(("sequence", "total"), BY_HAND)
-def test_transitions_alone_take_the_time_calculated_by_hand(
-    sequence: ModeSequence, total: float
-) -> None:
-    problem = random_problem(0, timing="constant")
-    network = network_of(problem, sequence)
-    assert earliest(network)[network.layout.finish] == pytest.approx(total)
-    times = scheduled(problem, network, [0.0] * len(sequence))
-    assert times[network.layout.finish] == pytest.approx(total)
-
-
-@pytest.mark.parametrize(("sequence", "total"), BY_HAND_PAPER)
-def test_the_authors_practice_waits_as_published(sequence: ModeSequence, total: float) -> None:
-    network = network_of(random_problem(0, timing="paper"), sequence)
-    assert earliest(network)[network.layout.finish] == pytest.approx(total)
 
 
 def test_a_drive_shorter_than_the_heating_lead_costs_nothing() -> None:

@@ -46,6 +46,7 @@ from twosra_mpc.execution.tracking.tracker import (
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.description import PATH_MODELS
 from twosra_mpc.robot.modes import (
     MODES,
     RIGID,
@@ -290,14 +291,20 @@ def test_the_pattern_never_changes() -> None:
     assert (first.constraints.data != second.constraints.data).any()
 
 
-@pytest.mark.parametrize("scenario", ["paper-1", "paper-2", "paper-4", "move-and-shape"])
-def test_every_phase_ends_where_the_plan_does(scenario: str) -> None:
-    of = planned(scenario)
-    tracker = Tracker(of.robot)
+@pytest.mark.parametrize(
+    ("scenario", "given"),
+    [
+        *((name, {}) for name in ("paper-1", "paper-2", "paper-4", "move-and-shape")),
+        *(("paper-2", {"robot": with_path_model(ROBOT, model)}) for model in PATH_MODELS[1:]),
+    ],
+)
+def test_every_phase_ends_where_the_plan_does(scenario: str, given: dict[str, Any]) -> None:
+    of = planned(scenario, **given)
+    tracker = Tracker(of.robot, **({"horizon": 6} if given else {}))
     tracker.reset(of)
     q = of.problem.start.configuration.copy()
     for i, phase in enumerate(of.phases):
-        q = drive(tracker, of, i, q)
+        q = drive(tracker, of, i, q, rest_s=8.0 if given else 3.0)
         np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
 
 
@@ -768,16 +775,3 @@ def test_a_phase_begins_without_memory_of_another_run() -> None:
         tracker.step(Measurement(0.5, 0, q + DEVIATION)).wheel_rad_s for tracker in (fresh, used)
     ]
     np.testing.assert_array_equal(*commands)
-
-
-@pytest.mark.parametrize("model", ["log_spiral_corrected", "arc", "cardioid"])
-def test_other_path_models_are_tracked_too(model: str) -> None:
-    robot = with_path_model(ROBOT, model)
-    of = planned("paper-2", robot=robot)
-    tracker = Tracker(robot, horizon=6)
-    tracker.reset(of)
-    q = of.problem.start.configuration.copy()
-    for i, phase in enumerate(of.phases):
-        q = drive(tracker, of, i, q, rest_s=8.0)
-        np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
-    assert any(phase.mode != RIGID for phase in of.phases)

@@ -151,28 +151,6 @@ def test_set_points_that_hold_from_row_to_row_lose_nothing(
     assert not held.wheel_rad_s[-1].any()
 
 
-def test_every_wheel_travels_the_integral_of_its_speed() -> None:
-    given = planned("paper-1").trajectory
-    t, (places, weights) = given.samples.t_s, np.polynomial.legendre.leggauss(6)
-    dt = np.diff(t)[given.samples.moves[:-1]]
-    inside = t[:-1][given.samples.moves[:-1]][:, None] + dt[:, None] * (places + 1) / 2
-    speeds = given.at(inside.ravel()).wheel_rad_s.reshape(len(dt), len(places), 4)
-    exact = np.einsum("k,j,kjw->w", dt / 2, weights, speeds)
-    np.testing.assert_allclose(given.wheel_travel_rad(t[-1])[0], exact, rtol=0, atol=1e-6)
-
-
-def test_rows_that_hold_stand_at_the_rate_and_where_phases_begin_and_end() -> None:
-    given = planned("paper-1").trajectory
-    t = given.held(7.3).t_s
-    ends = [time for phase in given.phases for time in (phase.start_s, phase.end_s)]
-    expected = np.union1d(np.arange(int(given.duration_s * 7.3) + 1) / 7.3, [*ends, t[-1]])
-    assert np.abs(t[:, None] - expected).min(axis=1).max() <= SAME_TIME_S
-    assert np.abs(expected[:, None] - t).min(axis=1).max() <= SAME_TIME_S
-    moving = given.held(7.3).v.any(axis=1)
-    for start, end in zip(t[:-1][moving[:-1]], t[1:][moving[:-1]], strict=True):
-        assert any(p.start_s - 1e-9 <= start and end <= p.end_s + 1e-9 for p in given.phases)
-
-
 @pytest.mark.parametrize(
     ("robot", "low", "high"), [("2sra-v1", 0.99, 1.01), ("2sra-v1-paper", 0.19, 0.73)]
 )

@@ -67,20 +67,6 @@ def test_propagation_is_the_matrix_exponential(
     assert model.propagate(state, current_A, duration_s) == pytest.approx(expected, rel=1e-9)
 
 
-@given(MODELS, STATES, STATES, CURRENTS_A, DURATIONS_S)
-def test_warmer_stays_warmer(
-    model: TwoNode,
-    one: tuple[float, float],
-    other: tuple[float, float],
-    current_A: float,
-    duration_s: float,
-) -> None:
-    cold, warm = tuple(map(min, one, other)), tuple(map(max, one, other))
-    colder = model.propagate(cold, current_A, duration_s)
-    warmer = model.propagate(warm, current_A, duration_s)
-    assert all(w >= c - 1e-9 for c, w in zip(colder, warmer, strict=True))
-
-
 @given(MODELS, STATES, CURRENTS_A)
 def test_a_constant_current_leads_to_one_steady_state(
     model: TwoNode, state: tuple[float, float], current_A: float

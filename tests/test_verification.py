@@ -227,15 +227,6 @@ def test_scaled_inputs_are_found(case: Case) -> None:
 
 
 @all_timings
-@pytest.mark.parametrize("column", range(5))
-def test_an_input_that_never_was_is_found(case: Case, column: int) -> None:
-    row = case.first_moving(soft=column < 2)
-    value = case.samples.v[row, column] * 0.9 + 1e-4
-    problems = case.set("v", row, column, value).check().problems
-    assert any("re-integration departs" in problem for problem in problems)
-
-
-@all_timings
 def test_an_input_that_the_mode_does_not_have_is_found(case: Case) -> None:
     words = "an input acts that the mode does not have"
     rigid, soft = case.first_moving(soft=False), case.first_moving(soft=True)
@@ -433,10 +424,6 @@ LIMITS = {
     "temperature_max_C": ("temperature_C", 85.0),
     "heater_current_A": ("heater_current_A", 0.9),
 }
-OTHER_WORDS = (  # of q and v
-    "re-integration departs|is missed by|an input acts|the last sample still moves|unit_gap_m|"
-    "the wheels do not turn as v asks"
-)
 
 
 @all_timings
@@ -487,23 +474,15 @@ def test_shapes_too_close_to_what_the_limits_forbid_are_found(case: Case, limit:
 
 
 @all_timings
-def test_moving_while_a_segment_is_changing_is_found(case: Case) -> None:
-    late = case.move(1, "soft", done_s=0.5)
-    words = "the robot moves at .* s while segment 1 is changing"
-    assert_found(late, words, "but segment 1 is not so yet")
-    early = case.move(1, "rigid", onset_s=-0.01)
-    assert "the robot moves at" in " ".join(early.check().problems)
-    assert "while segment 1 is changing" in " ".join(early.check().problems)
-
-
-@nominal_only
 def test_the_moment_of_the_clash_is_named(case: Case) -> None:
-    start = case.phases[1].start_s
+    phase = next(each for each in case.phases if each.mode[0])
     assert_found(
-        case.move(1, "soft", done_s=0.01),
-        rf"^the robot moves at {start:.3f} s while segment 1 is changing$",
-        rf"^at {start:.3f} s the mode is \[1,0\] but segment 1 is not so yet$",
+        case.move(1, "soft", done_s=0.5),
+        rf"^the robot moves at {phase.start_s:.3f} s while segment 1 is changing$",
+        rf"^at {phase.start_s:.3f} s the mode is \[1,.\] but segment 1 is not so yet$",
     )
+    early = case.move(1, "rigid", onset_s=-0.01)
+    assert_found(early, "^the robot moves at .* s while segment 1 is changing$")
 
 
 @all_timings
@@ -553,14 +532,6 @@ def test_a_transition_to_what_is_already_is_found(case: Case, segment: int) -> N
         words = rf"^segment {segment} to {left} at .* s: it is {left} already$"
         problems = case.without(segment, gone).check().problems
         assert any(re.search(words, problem) for problem in problems), problems
-
-
-@all_timings
-def test_freezing_what_never_melted_is_found(case: Case) -> None:
-    freeze = Transition(2, "rigid", 0.1, 0.1, 300.0)
-    spoilt = case.with_transitions([freeze, *case.transitions])
-    problems = spoilt.check().problems
-    assert "segment 2 to rigid at 0.100 s: it is rigid already" in problems
 
 
 @all_timings
@@ -698,7 +669,7 @@ def test_reconfigurations_are_slept_through() -> None:
 def test_no_change_of_motion_goes_unnoticed(
     row: float, column: int, name: str, by: float, sign: float
 ) -> None:
-    case = case_of(planned("rigid-move"))
+    case = case_of(planned("paper-1"))
     i = int(row * (len(case.samples) - (name == "v")))
     before = getattr(case.samples, name)[i, column]
     assert not case.set(name, i, column, before + sign * by).check().ok
@@ -824,7 +795,14 @@ SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
     ),
     **{
         f"a {name} that is no number": (not_a_number(name), [NOT_FINITE.format(name)])
-        for name in ("wheel_rad_s", "temperature_C", "heater_current_A", "heater_setpoint_C")
+        for name in (
+            "q",
+            "v",
+            "wheel_rad_s",
+            "temperature_C",
+            "heater_current_A",
+            "heater_setpoint_C",
+        )
     },
     "a curvature that runs away": (
         lambda case: case.scaled("v", 1e3),
@@ -854,14 +832,6 @@ def test_what_would_not_work_on_the_robot_is_found(case: Case, how: str) -> None
 def test_heaters_left_on_at_the_end_are_found(case: Case) -> None:
     hot = case.set("heater_setpoint_C", -1, 0, 65.0).set("heater_current_A", -1, 0, 0.3)
     assert_found(hot, HEATER.format(1))
-
-
-@all_timings
-@pytest.mark.parametrize("name", ["q", "v"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_motions_that_are_not_finite_are_found(case: Case, name: str, value: float) -> None:
-    spoilt = case.set(name, case.first_moving(soft=True), 0, value)
-    assert_found(spoilt, NOT_FINITE.format(name))
 
 
 @nominal_only

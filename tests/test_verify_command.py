@@ -14,7 +14,7 @@ import pytest
 from conftest import Run
 from once import planned, solved
 
-from twosra_mpc import InputError, Result
+from twosra_mpc import Result
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import examine
 
@@ -49,14 +49,17 @@ def test_every_plan_that_was_made_is_verified(any_result: Result, tmp_path: Path
     assert all(check.margin is None or check.margin >= 0 for check in found.checks)
 
 
-def test_plans_with_weights_are_verified(tmp_path: Path) -> None:
-    weights = {"energy_s_per_J": 0.1, "transition_s": 7.0}
-    solved("shape-change", weights=weights).save(tmp_path / "plan.json")
-    assert check_plan(tmp_path / "plan.json").ok
-
-
-def test_a_plan_in_which_nothing_happens_is_verified(tmp_path: Path) -> None:
-    solved("rigid-move", goal={"x_m": 0.0}).save(tmp_path / "plan.json")
+@pytest.mark.parametrize(
+    ("scenario", "given"),
+    [
+        ("shape-change", {"weights": {"energy_s_per_J": 0.1, "transition_s": 7.0}}),
+        ("rigid-move", {"goal": {"x_m": 0.0}}),  # in which nothing happens
+    ],
+)
+def test_plans_of_other_problems_are_verified(
+    scenario: str, given: dict[str, Any], tmp_path: Path
+) -> None:
+    solved(scenario, **given).save(tmp_path / "plan.json")
     assert check_plan(tmp_path / "plan.json").ok
 
 
@@ -122,15 +125,8 @@ def lower_wheel_limit(document: Document) -> None:
 
 
 TAMPERINGS: dict[str, tuple[Tamper, str]] = {
-    "a moved sample": (lambda d: add(d, "q", 1e-3), "re-integration departs"),
-    "a slower motion": (lambda d: scale(d, "v", 0.9), "goal.kappa_per_m.0 is missed"),
-    "a wheel too fast": (lambda d: add(d, "wheel_rad_s", 50.0), "limit wheel_speed_rad_s"),
     "a wheel turned otherwise": (lambda d: add(d, "wheel_rad_s", -1.0), "do not turn as v asks"),
     "another mode": (lambda d: add(d, "mode", -1), "mode"),
-    "a phase before the freeze is done": (
-        lambda d: later(transition(d, "rigid"), -30.0, "onset_s"),
-        "while segment 1 is changing",
-    ),
     "a phase before the melt is done": (
         lambda d: later(transition(d, "soft"), 5.0, "done_s"),
         "while segment 1 is changing",
@@ -139,15 +135,10 @@ TAMPERINGS: dict[str, tuple[Tamper, str]] = {
         lambda d: later(transition(d, "rigid"), -10.0, "done_s"),
         "has changed at",
     ),
-    "a melt left out": (lambda d: d["transitions"].pop(0), "segment 1"),
     "a phase at another time": (lambda d: move_phase(d, 1.0), "outside of a phase"),
     "a wrong temperature": (lambda d: add(d, "temperature_C", 5.0), "warmer or colder"),
     "a wrong melt fraction": (lambda d: add(d, "melt_fraction", -0.5), "more or less of it"),
     "weaker currents": (lambda d: scale(d, "heater_current_A", 0.95), "its currents"),
-    "a current beyond the limit": (
-        lambda d: add(d, "heater_current_A", 5.0),
-        "limit heater_current_A exceeded",
-    ),
     "currents that flow backwards": (
         lambda d: scale(d, "heater_current_A", -1.0),
         "heater currents: at least -0.8 A",
@@ -177,8 +168,6 @@ TAMPERINGS: dict[str, tuple[Tamper, str]] = {
         lambda d: d.update(lower_bound_s=345.0, gap=0.0),
         "lower bound: above the cost",
     ),
-    "another goal": (lambda d: d["scenario"]["goal"].update(x_m=0.3), "goal.x_m is missed"),
-    "another start": (lambda d: d["scenario"]["start"].update(x_m=0.2), "re-integration departs"),
     "warmer air": (lambda d: d["scenario"].update(ambient_C=30.0), "its currents make it"),
     "a weaker robot": (lower_wheel_limit, "limit wheel_speed_rad_s exceeded"),
     "another robot": (lambda d: d["scenario"].update(robot="2sr-v2"), "scenario.robot: '2sr-v2'"),
@@ -313,28 +302,3 @@ def test_a_file_without_a_plan_verifies_nothing(run: Run, tmp_path: Path) -> Non
     code, out, _ = run("none.json")
     assert code == 4
     assert "none in this file: no plan found" in out
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("{", "a plan in JSON"),
-        ("[]", "a table of keys"),
-        ('{"format": "twosra-plan", "version": 4}', "'twosra-plan' version 1, 2 or 3"),
-        ('{"format": "twosra-plan", "version": 1}', "this key is required"),
-    ],
-)
-def test_what_is_no_plan_file_is_bad_input(run: Run, text: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "plan.json").write_text(text, encoding="utf-8")
-    code, out, err = run("plan.json")
-    assert (code, out) == (2, "")
-    assert words in err
-    with pytest.raises(InputError):
-        check_plan(tmp_path / "plan.json")
-
-
-def test_a_missing_file_is_bad_input(run: Run) -> None:
-    code, out, err = run("plan.json")
-    assert (code, out) == (2, "")
-    assert "a file that exists" in err
-    assert run().code == 2
