@@ -22,7 +22,7 @@ from selenium.webdriver.remote.webelement import WebElement
 
 from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
 from twosra_mpc.lab.paper.paper_report import paper_page
-from twosra_mpc.lab.paper.section import Claim, Picture, Section, Table, Verdict, equal
+from twosra_mpc.lab.paper.section import Claim, Picture, Reading, Section, Table, Verdict
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import page, player, write_report
@@ -332,7 +332,7 @@ def test_the_report_on_the_paper_stays_within_the_page(
     browser: Chrome, folder: Path, width: int
 ) -> None:
     Figure(figsize=(8, 2)).savefig(folder / "blank.png")
-    readings = tuple(equal(HOSTILE, 1.0, ours, HOSTILE, caveat=1.0) for ours in (1.0, 5.0, None))
+    readings = tuple(Reading(HOSTILE, 1.0, ours, HOSTILE, 0.0, 1.0) for ours in (1.0, 5.0, None))
     section = Section(
         name="one",
         title=HOSTILE,

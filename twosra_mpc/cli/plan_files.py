@@ -280,11 +280,7 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
     The same in a hurry:
       twosra animate plan.json short.gif --seconds 4
     """
-    loaded = load_plan(plan)
-    if not loaded.found:
-        click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)
-        return Exit.NO_PLAN
-    made = loaded.require()
+    made = load_plan(plan).require()
     from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
 
     with output.progress("animating") as tell:
