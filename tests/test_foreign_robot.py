@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,8 +19,8 @@ from once import planned
 
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
 from benchmarks.studies.faults import attacked
-from twosra_mpc import Problem
-from twosra_mpc.execution import Executor, Reading, RobotError
+from twosra_mpc import Problem, Status, plan
+from twosra_mpc.execution import Executor, ExecutorSettings, Reading, RobotError
 from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter, usable
 from twosra_mpc.execution.doubt import DRIVE_M, Doubt, DoubtError
 from twosra_mpc.execution.robot_interface import Camera
@@ -142,12 +143,12 @@ def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(swall
 class Deaf(ForeignRobot):
     """A robot whose line fails so often once the wheels have turned."""
 
-    fails = 3
+    fails, error = 3, OSError("busy")
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         if self.wheels.any() and self.time_s > 1.0 and self.fails:
             self.fails -= 1
-            raise OSError("busy")
+            raise self.error
         super().send(wheel_rad_s, heater_setpoint_C)
 
 
@@ -161,6 +162,16 @@ def test_a_stop_is_tried_again_and_one_that_never_gets_through_is_told(fails: in
     told = getattr(caught.value, "__notes__", [])
     assert robot.off == (fails == 3) == (not told)
     assert all("could NOT be told to stop" in note for note in told)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(1), MemoryError()])
+def test_a_line_that_raises_what_ends_programs_is_told_to_stop_all_the_same(error: Any) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Deaf(made.problem)
+    robot.error = error
+    with pytest.raises(type(error)):
+        Executor(robot).run(made)
+    assert robot.off
 
 
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])
@@ -210,6 +221,28 @@ def test_a_planner_that_raises_leaves_the_robot_off() -> None:
 
     with pytest.raises(BrokenError):
         Executor(robot, think=think).run(made)
+    assert robot.off
+
+
+def test_a_planner_that_never_answers_is_waited_for_as_long_as_a_run_may_take() -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Moved(made.problem)
+    run = Executor(robot, ExecutorSettings(longest_s=60.0), think=lambda problem: None).run(made)
+    assert run.ending is Ending.TIME_LIMIT
+    assert run.duration_s < 63.0
+    assert robot.off
+
+
+def test_a_plan_that_does_not_verify_is_not_adopted() -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Moved(made.problem)
+
+    def think(problem: Problem) -> Result:
+        return replace(plan(problem), status=Status.FAILED)
+
+    run = Executor(robot, think=think).run(made)
+    assert run.ending is Ending.NO_PLAN
+    assert len(run.plans) == 1
     assert robot.off
 
 
