@@ -14,7 +14,7 @@ import pytest
 from once import planned
 
 from benchmarks.thermal_scale import thermally_faster
-from twosra_mpc import Plan, Problem, Result, Status, load_robot, plan
+from twosra_mpc import InputError, Plan, Problem, Result, Status, load_robot, plan
 from twosra_mpc.execution import (
     LEVELS,
     Controller,
@@ -175,6 +175,64 @@ def test_whatever_plan_is_not_found_the_robot_is_off(number: int) -> None:
     wheels, setpoint_C = robot.told[-1]
     assert not wheels.any()
     assert (setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
+
+
+SEEN: dict[str, Any] = {"taken_s": [1.0], "frames": [[0.0] * 5]}
+
+
+@pytest.mark.parametrize(
+    ("field", "given"),
+    [
+        ("time_s", {"time_s": "soon"}),
+        ("taken_s", {"taken_s": None}),
+        ("frames", {"taken_s": [1.0], "frames": [[0.0] * 4]}),
+        ("frames", {"taken_s": [1.0], "frames": [0.0] * 5}),
+        ("frames", {"taken_s": [1.0, 2.0], "frames": [[0.0] * 5]}),
+        ("frames", {"taken_s": [1.0], "frames": [["a"] * 5]}),
+        ("temperature_C", {"temperature_C": ("cold", 25.0)}),
+        ("temperature_C", {"temperature_C": None}),
+        ("faulty", {"faulty": (False,)}),
+        ("stiffness", {"stiffness": ("liquid", "rigid")}),
+        ("stiffness", {"stiffness": ("rigid",)}),
+        ("current_A", {"current_A": (1.0,)}),
+        ("objects", {**SEEN, "objects": np.zeros((2, 1, 3))}),
+        ("objects", {**SEEN, "objects": np.zeros(3)}),
+    ],
+)
+def test_a_reading_that_is_none_says_what_is_wrong(field: str, given: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        replace(COLD, **given)
+    assert caught.value.field == f"reading.{field}"
+
+
+COLD = Reading(0.0, [], [], (25.0, 25.0), ["rigid"] * 2, (False, False))  # type: ignore[arg-type]
+
+
+def test_a_reading_takes_lists_and_what_is_not_known() -> None:
+    drawn = replace(COLD, temperature_C=[None, 25], current_A=[None, -1.0])  # type: ignore[arg-type]
+    assert drawn.frames.shape == (0, 5)
+    assert drawn.stiffness == ("rigid", "rigid")
+    assert np.isnan(drawn.temperature_C[0])
+    for no_current in (-1.0, np.nan, np.inf, 1e300):
+        assert replace(COLD, current_A=(no_current, 1.5)).current_A == (None, 1.5)
+
+
+def test_a_reading_of_another_robot_is_refused() -> None:
+    made = planned("rigid-move")
+    controller = plan_controller(made, SimulatedRobot(made.problem).camera)
+    with pytest.raises(InputError, match="of each segment"):
+        controller.step(Reading(0.0, [], [], (25.0,), ("rigid",), (False,)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("shown_C", [np.nan, -127.0, 1e9])
+def test_a_temperature_that_nobody_can_read_is_no_start_of_a_plan(shown_C: float) -> None:
+    """A plan may be asked for at any step, and one wild reading is no reason to have none."""
+    made = planned("rigid-move")
+    controller = plan_controller(made, SimulatedRobot(made.problem).camera)
+    for k, here_C in enumerate((25.0, 25.5, shown_C)):
+        controller.step(replace(COLD, time_s=0.1 * k, temperature_C=(here_C, here_C)))
+        metal = [one.temperature_C for one in controller.belief.metal if one is not None]
+    assert metal == [25.5, 25.5]
 
 
 def test_no_step_reads_a_file_or_a_clock() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,8 +18,8 @@ from once import planned
 
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
 from benchmarks.studies.faults import attacked
-from twosra_mpc import Problem
-from twosra_mpc.execution import Executor, Reading, RobotError
+from twosra_mpc import Problem, Status, plan
+from twosra_mpc.execution import Executor, ExecutorSettings, Reading, RobotError
 from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter, usable
 from twosra_mpc.execution.doubt import DRIVE_M, Doubt, DoubtError
 from twosra_mpc.execution.robot_interface import Camera
@@ -138,6 +139,27 @@ def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(swall
     assert robot.time_s < robot.camera.period_s + 2.5
 
 
+class Deaf(ForeignRobot):
+    """A robot whose line fails once the wheels have turned."""
+
+    error: BaseException
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        if self.wheels.any() and self.time_s > 1.0 and (error := vars(self).pop("error", None)):
+            raise error
+        super().send(wheel_rad_s, heater_setpoint_C)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(1), MemoryError()])
+def test_a_line_that_raises_what_ends_programs_is_told_to_stop_all_the_same(error: Any) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Deaf(made.problem)
+    robot.error = error
+    with pytest.raises(type(error)):
+        Executor(robot).run(made)
+    assert robot.off
+
+
 class Moved(Hooked):
     """A robot that somebody moves."""
 
@@ -168,6 +190,28 @@ def test_a_planner_that_raises_leaves_the_robot_off() -> None:
 
     with pytest.raises(BrokenError):
         Executor(robot, think=think).run(made)
+    assert robot.off
+
+
+def test_a_planner_that_never_answers_is_waited_for_as_long_as_a_run_may_take() -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Moved(made.problem)
+    run = Executor(robot, ExecutorSettings(longest_s=60.0), think=lambda problem: None).run(made)
+    assert run.ending is Ending.TIME_LIMIT
+    assert run.duration_s < 63.0
+    assert robot.off
+
+
+def test_a_plan_that_does_not_verify_is_not_adopted() -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Moved(made.problem)
+
+    def think(problem: Problem) -> Result:
+        return replace(plan(problem), status=Status.FAILED)
+
+    run = Executor(robot, think=think).run(made)
+    assert run.ending is Ending.NO_PLAN
+    assert len(run.plans) == 1
     assert robot.off
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.control.stiffness import KnownStiffness, clearly_rigid, clearly_soft
+from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import (
@@ -169,7 +170,7 @@ class Belief:
 
     def _metal(self, segment: int) -> Metal | None:
         solid_C, liquid_C = self.problem.segment_thresholds_C[segment]
-        here_C, heater = self.reading.temperature_C[segment], self.problem.robot.heater
+        here_C, heater = self._watches[segment].shown_C, self.problem.robot.heater
         match self.reading.stiffness[segment]:
             case "soft":
                 here_C = min(max(here_C, liquid_C + _CLEARLY_K), heater.temperature_max_C)
@@ -247,10 +248,12 @@ class Belief:
         """Take in what was read after the last command.
 
         Raises:
+            InputError: If the reading is of another robot.
             RobotError: If the robot's clock does not go on, or it has fallen silent.
             SegmentError: If something is wrong with a segment.
             DoubtError: If the robot does not move as it is commanded.
         """
+        self._check(reading)
         begun_s, self.reading, self.doubtful = self.now_s, usable(reading, self._newest_s), False
         if np.isnan(begun_s):
             self._begin()
@@ -271,6 +274,14 @@ class Belief:
             else:
                 self.drives.append(Drive(mode, begun_s, self.now_s))
             self._compare(mode, before, after)
+
+    def _check(self, reading: Reading) -> None:
+        segments, objects = len(self._watches), len(self.problem.objects)
+        if (told := len(reading.temperature_C)) != segments:
+            raise InputError("reading.temperature_C", told, f"{segments} numbers, of each segment")
+        seen = reading.objects
+        if self.objects is not None and seen is not None and len(seen) and len(seen[0]) != objects:
+            raise InputError("reading.objects", seen.shape, f"poses of all {objects} objects")
 
     def _begin(self) -> None:
         """The first reading; the robot has not been told anything yet."""

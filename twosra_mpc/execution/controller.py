@@ -132,6 +132,7 @@ class Controller:
             verdict: to stand, heaters off.
 
         Raises:
+            InputError: If the reading is of another robot.
             RobotError: If the robot cannot be driven any more.
         """
         belief = self.belief

@@ -64,15 +64,15 @@ class Replanning:
 
     def advance(self) -> Next:
         """Stand, and look at objects; while the rest is planned, stand on."""
+        run, belief, settings = self._run, self._belief, self._run.settings
+        if belief.now_s > settings.longest_s:
+            words = f"the run has taken more than {settings.longest_s:z.0f} s"
+            return run.verdict(Ending.TIME_LIMIT, words)
         if self._left is not None:
             return self._planned(self._left)
-        run, belief, settings = self._run, self._belief, self._run.settings
         stiffness, solid = belief.reading.stiffness, run.broken | self._cooled
         changing = belief.mode is None and (self._resting or None in belief.metal)
         changing |= any(stiffness[j] != "rigid" for j in solid)
-        if changing and belief.now_s > settings.longest_s:  # one that is slow: see `SegmentWatch`
-            words = f"the run has taken more than {settings.longest_s:z.0f} s"
-            return run.verdict(Ending.TIME_LIMIT, words)
         if changing or belief.now_s < self._until_s or not self._told:
             self._told = True  # to stand
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
@@ -96,7 +96,9 @@ class Replanning:
             return self._failed(str(error))
         if result is None:
             return rest(belief, self._as_they_become(), run.patience.rest_s)
-        return self._failed(result.message) if result.plan is None else run.adopt(result.plan)
+        if result.plan is None or not result.found:  # a plan that does not verify is none
+            return self._failed(result.message)
+        return run.adopt(result.plan)
 
     def _failed(self, why: str) -> Next:
         """Try what may help before it is said that there is no plan."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from twosra_mpc.arguments import public
 from twosra_mpc.control.stiffness import KnownStiffness
-from twosra_mpc.errors import TwosraError
+from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.interrupts import Interrupts, deferred_interrupts, raised_interrupts
-from twosra_mpc.robot.coordinates import WHEELS, Array, Coordinates
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.validation import ArrayValue, NonNegative, Positive
@@ -61,6 +61,8 @@ class Camera:
 class Reading(ArrayValue):
     """Reading: what has become known since the one before; n segments.
 
+    Lists are taken for arrays, None for a number that is not known.
+
     Attributes:
         time_s: Now.
         taken_s: When each new frame was taken; it arrives later, (k,).
@@ -72,7 +74,11 @@ class Reading(ArrayValue):
             from a robot whose camera sees no objects.
         current_A: Root mean square of the current that each controller has let flow since the
             reading before, which is what heats; None from a robot that does not tell: it is then
-            taken for one that switches full current at the set-point.
+            taken for one that switches full current at the set-point, as where it tells what no
+            heater draws: less than nothing, or more than 1 kA.
+
+    Raises:
+        InputError: If a field is of another kind, or fields differ in length.
     """
 
     time_s: float
@@ -84,10 +90,59 @@ class Reading(ArrayValue):
     objects: Array | None = field(default=None, kw_only=True)
     current_A: tuple[float | None, ...] | None = field(default=None, kw_only=True)
 
+    def __post_init__(self) -> None:
+        """Take what is meant."""
+        taken_s = _numbers("taken_s", self.taken_s, None)
+        shown_C = _numbers("temperature_C", self.temperature_C, None)
+        count, segments = len(taken_s), len(shown_C)
+        taken: dict[str, object] = {
+            "time_s": float(_numbers("time_s", self.time_s)),
+            "taken_s": taken_s,
+            "frames": _numbers("frames", self.frames, count, POSE + segments),
+            "temperature_C": tuple(shown_C.tolist()),
+            "faulty": tuple(_numbers("faulty", self.faulty, segments).astype(bool).tolist()),
+        }
+        if self.objects is not None:
+            taken["objects"] = _numbers("objects", self.objects, count, None, POSE)
+        if self.current_A is not None:
+            drawn_A = _numbers("current_A", self.current_A, segments).tolist()
+            taken["current_A"] = tuple(a if 0.0 <= a <= _MOST_A else None for a in drawn_A)
+        if not isinstance(told := self.stiffness, tuple | list) or len(told) != segments:
+            raise InputError("reading.stiffness", told, f"{segments} words")
+        taken["stiffness"] = tuple(told)
+        if unknown := [word for word in told if word not in _TOLD]:
+            allowed = "'soft', 'rigid', 'changing', or None if not reported"
+            raise InputError("reading.stiffness", unknown[0], allowed)
+        for name, value in taken.items():
+            object.__setattr__(self, name, value)
+
     def describe(self, segment: int) -> str:
         """Words for what is known about a segment (from 0)."""
         known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:z.1f} C"
         return f"segment {segment + 1} {known}"
+
+
+_MOST_A = 1e3
+_TOLD = ("soft", "rigid", "changing", None)
+
+
+def _numbers(name: str, given: object, *shape: int | None) -> Array:
+    """A field of a reading as numbers of this shape, of which None is any length.
+
+    Raises:
+        InputError: If it is not made of them.
+    """
+    try:
+        numbers = np.asarray(given, dtype=float)
+        if not numbers.size:  # of no frame, however it is written
+            numbers = numbers.reshape([length or 0 for length in shape])
+        fits = zip(shape, numbers.shape, strict=True)
+        if all(length in (None, found) for length, found in fits):
+            return numbers
+    except (TypeError, ValueError):  # they are no numbers, or in no such order
+        pass
+    words = " x ".join("any" if length is None else str(length) for length in shape)
+    raise InputError(f"reading.{name}", given, f"{words or 'plain'} numbers")
 
 
 def still() -> Array:
@@ -182,15 +237,15 @@ def stopped_after(robot: RobotInterface, drive: Callable[[Interrupts], Driven]) 
         return driven
 
 
-def _stop(robot: RobotInterface) -> Exception | None:
+def _stop(robot: RobotInterface) -> BaseException | None:
     """Send wheels zero and heaters off until that goes through; the last error if it never does."""
-    failure: Exception | None = None
+    failure: BaseException | None = None
     off_C = np.full(robot.robot.coordinates.segments, robot.robot.heater.rigid_setpoint_C)
     with deferred_interrupts():
         for _ in range(_TRIES):
             try:
                 robot.send(np.zeros(WHEELS), off_C)
                 return None
-            except Exception as error:  # whatever it is, the next try may get through
+            except BaseException as error:  # whatever it is, the next try may get through
                 failure = error
     return failure

@@ -156,6 +156,11 @@ class SegmentWatch:
         return self._molten if self.doubted else self.belief.may_be_liquid
 
     @property
+    def shown_C(self) -> float:
+        """Last temperature that could be read; at first that of the start."""
+        return self._start_C if math.isinf(self._last_C) else self._last_C
+
+    @property
     def state(self) -> State | None:
         """Most probable state, as the described segment's; None if nobody knows."""
         return None if self.belief is None or self.doubted else self.belief.state
