@@ -183,6 +183,14 @@ def test_a_run_without_truth_or_plan_is_drawn_too(tmp_path: Path) -> None:
     assert "planned" not in run_title(found)
 
 
+def test_what_a_goal_leaves_free_has_no_distance_from_it() -> None:
+    free = load_problem("rigid-move", robot=ARC).with_values(goal={"x_m": 0.05, "y_m": 0.0})
+    figure = plot_run(simulate(free, executor="greedy", seed=1).run)
+    names = {line.get_label() for line in figure.axes[-1].get_lines()}
+    assert "position" in names
+    assert "heading" not in names
+
+
 def test_reported_states_follow_each_other_to_the_end(done: Simulation) -> None:
     for segment, expected in (
         (0, ["rigid", "melting", "soft", "freezing", "rigid"]),
