@@ -168,7 +168,7 @@ def test_the_figure_shows_what_was_planned_and_what_happened(
     drives = joined_drives(replanned.run)
     assert sum(": [" in title for title in titles) == len(drives) >= 4
     labels = {line.get_label() for ax in figure.axes for line in ax.get_lines()}
-    assert {"planned", "camera", "by the sensor", r"$\kappa_1$", "wheel 4"} <= labels
+    assert {"planned", "camera", "by the sensor", "κ₁", "wheel 4"} <= labels
     assert "planned again once" in run_title(replanned.run)
     assert (
         f"after {replanned.run.duration_s:.0f} s (planned: 341.5 s, 403.9 s as confirmed)"

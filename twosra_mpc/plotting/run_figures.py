@@ -214,7 +214,7 @@ def _draw_curvatures(ax: Axes, run: Run, record: Record) -> None:
     for j, colour in enumerate(figures.SEGMENT_COLOURS[: record.q.shape[1] - POSE]):
         seen: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "alpha": 0.35, "mew": 0}
         ax.plot(log.time_s, log.measured[:, POSE + j], c=colour, **seen)
-        look: dict[str, Any] = {"label": rf"$\kappa_{j + 1}$", **figures.segment_curve(j)}
+        look: dict[str, Any] = {"label": timeline_figures.KAPPA[j], **figures.segment_curve(j)}
         ax.plot(record.time_s, record.q[:, POSE + j], **look)
         ax.plot(log.time_s, log.planned[:, POSE + j], **figures.segment_curve(j, "--"))
     if run.plans:
@@ -243,6 +243,7 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     ax.axhline(1.0, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=label)
     most = max(10.0, *(float(np.nanmax(distance)) for distance, _ in parts.values()))
     ax.set_yscale("log")
+    ax.yaxis.set_major_formatter("{x:g}")
     ax.set(ylim=(0.02, 2 * most), ylabel="from goal\n/ accuracy")
     ax.legend(**figures.BESIDE)
 
