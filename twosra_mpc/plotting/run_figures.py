@@ -95,7 +95,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     if run.plans:
         extent_m = np.concatenate([extent_m, world_figures.seen_m(run.plans[0].trajectory)])
     if isinstance(record, Truth) and run.problem.objects:
-        world_figures.draw_ends(axes[0], run.problem, *record.objects[[0, -1]], record.q)
+        world_figures.draw_ends(axes[0], run.problem, record.objects[[0, -1]], record.q)
     else:  # where objects are last is not in a log
         first = np.array([item.pose.pose for item in run.problem.objects])
         world_figures.draw_objects(axes[0], run.problem, first, alpha=figures.FAINT)

@@ -204,8 +204,9 @@ def draw_objects(
     return artists
 
 
-def draw_ends(ax: Axes, problem: Problem, first: Array, last: Array, q: Array) -> None:
-    """Draw objects where they are last, and faintly where they are first, as a robot did q."""
+def draw_ends(ax: Axes, problem: Problem, ends: Array, q: Array) -> None:
+    """Draw objects where they are last, and faintly where they are first: ends, (2, objects, 3)."""
+    first, last = ends
     if (first != last).any():
         apart = first[:, None, :2] - q[:, :2]
         nearest = np.linalg.norm(apart, axis=2).argmin(axis=1)  # where its task's number may be
