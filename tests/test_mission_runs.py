@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from once import solved
+from test_mission_figures import drawn_objects
 
 from twosra_mpc import Plan, Problem, Result, load_problem, plan
 from twosra_mpc.execution import Ending, Executor, Patience, Reading, Run, SimulatedRobot
@@ -18,6 +19,8 @@ from twosra_mpc.execution.guard import Guard, ObjectsSeen
 from twosra_mpc.execution.simulation import plant as simulated
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.plotting import plot_run, world_figures
+from twosra_mpc.plotting.run_figures import run_playback
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.world import ACCURACY
 from twosra_mpc.robot.coordinates import POSE, composed, inverse
@@ -128,6 +131,13 @@ def test_a_caged_cup_arrives_and_its_file_says_where_it_was(
     without = simulate(load_problem("rigid-move"), disturbance="none").to_dict()
     assert "objects" not in without["truth"]
     assert without["metrics"]["object_m"] is None
+
+    shown = drawn_objects(plot_run(found.run, found.truth).axes[0])
+    ends = [world_figures.outlines_m(carried.problem, at)[0] for at in found.truth.objects[[0, -1]]]
+    np.testing.assert_allclose(shown, ends)
+    assert len(drawn_objects(plot_run(found.run).axes[0])) == 1  # a log does not know the other
+    filmed = run_playback(found.run, found.truth).objects
+    np.testing.assert_allclose(filmed[[0, -1]], found.truth.objects[[0, -1]], atol=1e-3)
 
 
 def test_a_cup_that_slides_in_the_cage_is_corrected(carried: Plan, planner: Planner) -> None:

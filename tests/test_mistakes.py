@@ -114,6 +114,7 @@ EDITS: list[tuple[str, str, tuple[str, ...]]] = [
     ("x_m = 0.1", "x_m = 150", ("goal.x_m = 150", "150 mm are 0.15 m", "equal to 100 m")),
     ("x_m = 0.1", 'x_m = "0.1"', ("goal.x_m", "did you mean 0.1, without quotes?")),
     ("x_m = 0.1", 'x_m = "0,1"', ("goal.x_m", "did you mean 0.1, without quotes?")),
+    ("x_m = 0.1", 'x_m = "5 deg"', ("goal.x_m", "numbers have no unit. allowed: a number in m")),
     ("x_m = 0.1", 'x_m = "100 mm"', ("goal.x_m", "did you mean 0.1, a bare number?")),
     ("x_m = 0.1", "x_m = [0.1]", ("goal.x_m", "did you mean 0.1, without brackets?")),
     ("x_m = 0.1", "x_m = true", ("goal.x_m = True", "number in m")),

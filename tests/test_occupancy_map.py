@@ -151,6 +151,7 @@ WRONG = [
     ("resolution: 0.01\n", "", "resolution is missing", "required"),
     (", 0.0]", "]", "origin", "required"),
     ("map.png", "none.png", "image = ", "a file that exists"),
+    ("map.png", "maps/map.png", "image = ", "did you mean map.png, beside it? allowed"),
     ("map.png", "map.yaml", "image = ", "an image file"),
     ("map.png", "deep.png", "image = ", "8 bits a channel"),
     ("negate: 0", "negate: 2", "negate = 2", "0 or 1"),

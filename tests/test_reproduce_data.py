@@ -13,11 +13,11 @@ import pytest
 from conftest import Run
 from test_reproduce import CURVATURES, PHOTOGRAPHS, lab, write_simulations
 
-from twosra_mpc import InputError
+from twosra_mpc import InputError, load_robot
 from twosra_mpc.lab.commands.reproduce_command import located
 from twosra_mpc.lab.paper.photographs import folders_in
 from twosra_mpc.lab.paper.published_tasks import SIMULATION_OF_TASK, read_simulations
-from twosra_mpc.lab.reproduction.hardware import trial_paths
+from twosra_mpc.lab.reproduction.hardware import read_trials, trial_paths
 
 __all__ = ["lab"]  # a fixture
 Change = Callable[[Path], object]
@@ -210,6 +210,9 @@ def test_clones_of_the_authors_repositories_are_read_as_they_are(data: Path) -> 
         found["paper-4"][:, :5], SIMULATION_OF_TASK["paper-4"].run_freely().q
     )
     assert [path.name for path in trial_paths(control)] == ["mainExperiment1_1.csv"]
+    shutil.copy(control / "ExpData" / "mainExperiment1_1.csv", control / "Analysis" / "exp1.csv")
+    once = [Path(log.source).stem for log in read_trials(control, load_robot("2sra-v1"))]
+    assert once == ["exp1"]  # as the authors' copies, of which one counts
     assert all(references.is_file() for _, references in folders_in(control))
     assert len(folders_in(control)) == len(list((control / "ExpData" / "TempPhotos").iterdir()))
     for own in ("hardware", "curvature"):

@@ -144,7 +144,7 @@ def test_the_figure_shows_what_was_planned_and_what_happened(
     drives = joined_drives(replanned.run)
     assert sum(": [" in title for title in titles) == len(drives) >= 4
     labels = {line.get_label() for ax in figure.axes for line in ax.get_lines()}
-    assert {"planned", "camera", "by the sensor", r"$\kappa_1$", "wheel 4"} <= labels
+    assert {"planned", "camera", "by the sensor", "κ₁", "wheel 4"} <= labels
     assert "planned again once" in run_title(replanned.run)
     assert (
         f"after {replanned.run.duration_s:.0f} s (planned: 341.5 s, 403.9 s as confirmed)"
@@ -157,6 +157,14 @@ def test_a_run_without_truth_or_plan_is_drawn_too(tmp_path: Path) -> None:
     plot_run(found, path=tmp_path / "run.svg")
     assert "<svg" in (tmp_path / "run.svg").read_text(encoding="utf-8")
     assert "planned" not in run_title(found)
+
+
+def test_what_a_goal_leaves_free_has_no_distance_from_it() -> None:
+    free = load_problem("rigid-move", robot=ARC).with_values(goal={"x_m": 0.05, "y_m": 0.0})
+    figure = plot_run(simulate(free, executor="greedy", seed=1).run)
+    names = {line.get_label() for line in figure.axes[-1].get_lines()}
+    assert "position" in names
+    assert "heading" not in names
 
 
 def test_reported_states_follow_each_other_to_the_end(done: Simulation) -> None:

@@ -151,3 +151,15 @@ def test_a_workspace_is_drawn_to_its_edges() -> None:
     (box,) = drawn(ax)[1]
     assert box[:, 0].tolist() == [-1.0, 2.0]
     assert np.abs(box[:, 1]).min() >= 10.0
+
+
+@pytest.mark.parametrize("name", ["Ba$$in", "a_b^{c} $x$", r"$\frac$", "%s {0}"])
+def test_names_are_drawn_as_they_are_written(name: str, tmp_path: Path) -> None:
+    """None is a formula: Matplotlib takes what is between two $ for one."""
+    made = among()
+    first, *others = made.problem.obstacles
+    named = first.model_copy(update={"name": name})
+    problem = made.problem.with_values(obstacles=[named, *others])
+    made = replace(made, trajectory=replace(made.trajectory, problem=problem))
+    figure = plot_plan(made, tmp_path / "plan.svg")
+    assert name in {text.get_text() for text in figure.axes[0].texts}

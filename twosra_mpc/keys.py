@@ -109,6 +109,8 @@ def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str
         return f"did you mean {_converted(number, unit)}, a bare number?"
     if unit == _SHARE and _SHARES.search(key):
         return f"did you mean {number / 100:zg}, a bare number?"
+    if found[2] and not key.endswith(unit):
+        return "numbers have no unit."
     return f"did you mean {number:zg}, without quotes?"
 
 

@@ -55,12 +55,12 @@ def _plans() -> tuple[bytes, ...]:
 
 def _log() -> tuple[bytes, ...]:
     made = plan(load_problem("paper-2", robot="2sra-v1-paper")).require()
-    return (_written(lambda path: save_authors_csv(made, path)),)
+    return (_written(lambda path: save_authors_csv(made, path), ".csv"),)
 
 
-def _written(write: Callable[[Path], object]) -> bytes:
+def _written(write: Callable[[Path], object], ending: str = ".json") -> bytes:
     with tempfile.TemporaryDirectory() as folder:
-        write(path := Path(folder) / "file.json")
+        write(path := Path(folder) / f"file{ending}")
         return path.read_bytes()
 
 

@@ -177,8 +177,9 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
 
 def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stretch]) -> None:
     """Draw where objects are first and last, and where each task is done."""
-    trajectory = plan.trajectory
-    world_figures.draw_ends(ax, trajectory)
+    trajectory, samples = plan.trajectory, plan.trajectory.samples
+    ends = object_poses(trajectory, samples.t_s[[0, -1]], samples.q[[0, -1]])
+    world_figures.draw_ends(ax, plan.problem, ends, samples.q)
     world_figures.draw_targets(ax, plan.problem, world_figures.targets(trajectory))
     for q in world_figures.goals(trajectory):
         plane.draw_outline(ax, plan.robot.geometry, q)

@@ -20,7 +20,6 @@ from twosra_mpc.arguments import public
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import planned_words
 from twosra_mpc.plans.trajectory import Interval, Phase
 from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
@@ -94,10 +93,12 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
         _draw_drive(ax, run, record, number, drive)
     extent_m = robot_shape(geometry, record.q[::20], 2).wheels.reshape(-1, 2)
     if run.plans:
-        planned = run.plans[0].trajectory
-        first = object_poses(planned, np.zeros(1), planned.samples.q[:1])[0]
+        extent_m = np.concatenate([extent_m, world_figures.seen_m(run.plans[0].trajectory)])
+    if isinstance(record, Truth) and run.problem.objects:
+        world_figures.draw_ends(axes[0], run.problem, record.objects[[0, -1]], record.q)
+    else:  # where objects are last is not in a log
+        first = np.array([item.pose.pose for item in run.problem.objects])
         world_figures.draw_objects(axes[0], run.problem, first, alpha=figures.FAINT)
-        extent_m = np.concatenate([extent_m, world_figures.seen_m(planned)])
     world_figures.show_world(axes, run.problem, extent_m, 6.0)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
@@ -213,7 +214,7 @@ def _draw_curvatures(ax: Axes, run: Run, record: Record) -> None:
     for j, colour in enumerate(figures.SEGMENT_COLOURS[: record.q.shape[1] - POSE]):
         seen: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "alpha": 0.35, "mew": 0}
         ax.plot(log.time_s, log.measured[:, POSE + j], c=colour, **seen)
-        look: dict[str, Any] = {"label": rf"$\kappa_{j + 1}$", **figures.segment_curve(j)}
+        look: dict[str, Any] = {"label": timeline_figures.KAPPA[j], **figures.segment_curve(j)}
         ax.plot(record.time_s, record.q[:, POSE + j], **look)
         ax.plot(log.time_s, log.planned[:, POSE + j], **figures.segment_curve(j, "--"))
     if run.plans:
@@ -226,11 +227,14 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     """Distance from the goal in units of the accuracy, on a logarithmic axis."""
     errors = np.array([run.goal.error(at.copy()) for at in record.q])
     errors /= run.accuracy.scale(run.problem.robot.coordinates)
+    of = {"position": slice(2), "heading": slice(2, POSE), "curvatures": slice(POSE, None)}
+    free = np.isnan(run.problem.goal.configuration)
     parts = {
         "position": (np.hypot(errors[:, 0], errors[:, 1]), figures.RIGID_COLOUR),
         "heading": (np.abs(errors[:, 2]), figures.SEGMENT_COLOURS[0]),
         "curvatures": (np.abs(errors[:, POSE:]).max(axis=1), figures.SOFT_COLOUR),
     }
+    parts = {name: part for name, part in parts.items() if not free[of[name]].all()}
     for number, (name, (distance, colour)) in enumerate(parts.items()):
         look: dict[str, Any] = {"c": colour, "label": name, **figures.curve(number)}
         ax.plot(record.time_s, np.maximum(distance, 1e-3), **look)
@@ -239,6 +243,7 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     ax.axhline(1.0, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=label)
     most = max(10.0, *(float(np.nanmax(distance)) for distance, _ in parts.values()))
     ax.set_yscale("log")
+    ax.yaxis.set_major_formatter("{x:g}")
     ax.set(ylim=(0.02, 2 * most), ylabel="from goal\n/ accuracy")
     ax.legend(**figures.BESIDE)
 
@@ -287,6 +292,9 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
         return np.column_stack([np.interp(shown_s, record.time_s, v) for v in values.T])
 
     unknown = np.full((len(shown_s), problem.robot.coordinates.segments), np.nan)
+    objects = np.empty((len(shown_s), 0, POSE))
+    if truth is not None and problem.objects:
+        objects = truth.objects[np.searchsorted(truth.time_s[:-1], shown_s)]
     sent = np.clip(np.searchsorted(log.time_s, shown_s + 1e-9) - 1, 0, None)
     return Playback(
         geometry=problem.robot.geometry,
@@ -302,4 +310,6 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
         temperature_C=then(record.temperature_C),
         melt_fraction=unknown if truth is None else then(truth.melt_fraction),
         heated=log.setpoint_C[sent] > problem.robot.heater.rigid_setpoint_C,
+        objects=objects,
+        targets=tuple(world_figures.targets(run.plans[0].trajectory)) if run.plans else (),
     )

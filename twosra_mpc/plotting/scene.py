@@ -25,7 +25,6 @@ from twosra_mpc.plotting.figures import settle
 from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
-from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100
@@ -195,7 +194,7 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries["paths: units, link"] = tuple(line(colour, 1.3) for colour in trails)
     if playback.goals:
         entries["goal"] = DASHED
-    if carries(problem.tasks):
+    if playback.targets:
         entries["carried to"] = DASHED
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)

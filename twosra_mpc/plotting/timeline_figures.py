@@ -27,12 +27,13 @@ from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.validation import Positive, Share
 
 Timed = tuple[Array, Array]  # times [s], and a row of values each
+KAPPA = "κ₁", "κ₂", "κ₃", "κ₄"
 Coordinate = Literal["position", "heading", "curvature"]
 
 COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
     "position": (slice(0, 2), ("x", "y"), "position\n[m]"),
-    "heading": (slice(2, 3), (r"$\phi$",), "heading\n[rad]"),
-    "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
+    "heading": (slice(2, 3), ("φ",), "heading\n[rad]"),
+    "curvature": (slice(3, None), KAPPA, "curvature\n[1/m]"),
 }
 STAGE_LINE: dict[str, Any] = {"c": figures.STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
 SIZE_PT, LEAST_PT = 8.5, 5.0  # of words above a time axis

@@ -204,17 +204,15 @@ def draw_objects(
     return artists
 
 
-def draw_ends(ax: Axes, trajectory: Trajectory) -> None:
-    """Draw objects where they are last, and faintly where they are first."""
-    problem, samples = trajectory.problem, trajectory.samples
-    first, last = object_poses(trajectory, samples.t_s[[0, -1]], samples.q[[0, -1]])
+def draw_ends(ax: Axes, problem: Problem, ends: Array, q: Array) -> None:
+    """Draw objects where they are last, and faintly where they are first: ends, (2, objects, 3)."""
+    first, last = ends
     if (first != last).any():
-        apart = first[:, None, :2] - samples.q[:, :2]
+        apart = first[:, None, :2] - q[:, :2]
         nearest = np.linalg.norm(apart, axis=2).argmin(axis=1)  # where its task's number may be
         away = apart[np.arange(len(first)), nearest]
         draw_objects(ax, problem, first, ahead=away, alpha=figures.FAINT)
-    shape = robot_shape(problem.robot.geometry, samples.q[-1], 2)
-    draw_objects(ax, problem, last, beside=shape)
+    draw_objects(ax, problem, last, beside=robot_shape(problem.robot.geometry, q[-1], 2))
 
 
 def free_side(

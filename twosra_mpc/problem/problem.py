@@ -104,7 +104,8 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
     except InputError as error:
         if error.field == field:
             beside = "paths are taken from the scenario's folder, or from this one."
-            hint = error.hint or (beside if Path(str(source)).suffix else "")
+            lost = Path(str(source)).suffix and "that exists" in error.allowed
+            hint = error.hint or (beside if lost else "")
             raise InputError("", error.value, error.allowed, hint=hint) from None
         raise
 

@@ -121,8 +121,9 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
                 size = 11 - 1.5 * number  # those that lie on each other are seen
                 end: dict[str, Any] = {"ms": size, "mfc": colour if dashes == "-" else "white"}
                 right.plot(samples.t_s[-1], LEAST_SHARE, "^", c=colour, clip_on=False, **end)
-        left.set(xlabel="time of the loop [s]", ylabel=r"$|q - q_t|\ /\ |q_0 - q_t|$")
+        left.set(xlabel="time of the loop [s]", ylabel="|q - qₜ| / |q₀ - qₜ|")
         left.set(yscale="log", ylim=(LEAST_SHARE, 1.5), title="as published, without waits")
+        left.yaxis.set_major_formatter("{x:g}")
         right.set(xlabel="time [s]", title="with melting and freezing")
         for ax in (left, right):
             ax.set_xlim(0.0, None)

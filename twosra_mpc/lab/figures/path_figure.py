@@ -120,7 +120,7 @@ def path_curves(geometry: Geometry, points: int = 241) -> list[PathCurves]:
 
 def _title(robot: Robot) -> str:
     length, link = robot.geometry.lengths_m[0], robot.geometry.middle_link_m
-    lengths = f"$l$ = {1e3 * length:z.3g} mm, $l_0$ = {1e3 * link:z.3g} mm"
+    lengths = f"l = {1e3 * length:z.3g} mm, l₀ = {1e3 * link:z.3g} mm"
     return f"Paths of a locomotion unit (LU): {robot.name}, {lengths}"
 
 
@@ -128,7 +128,7 @@ def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
     middle = (curves.exact.min(axis=0) + curves.exact.max(axis=0)) / 2
     for alpha in np.linspace(SPIRAL_BENDS_RAD[curves.case][-1], 0.0, POSES + 1)[1:].tolist():
         end = _draw_fibre(ax, geometry, curves.case, alpha)
-        text = f"{np.degrees(alpha):z.0f}°" if alpha else r"$\alpha$ = 0°"
+        text = f"{np.degrees(alpha):z.0f}°" if alpha else "alpha = 0°"
         shift = 17 * (end - middle) / np.linalg.norm(end - middle) if alpha else (8.0, -12.0)
         place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
         ax.annotate(text, (end[0], end[1]), shift, fontsize=8.5, **place)
@@ -143,7 +143,7 @@ def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
     ax.set_title("\n".join(lines), fontsize=9, linespacing=1.35)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.15)
-    ax.set(xlabel="$x/l$", ylabel="$y/l$")
+    ax.set(xlabel="x / l", ylabel="y / l")
 
 
 def _residuals(curves: PathCurves, geometry: Geometry) -> list[str]:
@@ -151,7 +151,7 @@ def _residuals(curves: PathCurves, geometry: Geometry) -> list[str]:
     length = geometry.lengths_m[0]
     spiral, cardioid = curves.spiral_fit.rms_l * length, curves.cardioid_fit.rms_m
     return [
-        f"{name}: {_digits(1e3 * rms)} mm rms ({_digits(100 * rms / length)} % of $l$)"
+        f"{name}: {_digits(1e3 * rms)} mm rms ({_digits(100 * rms / length)} % of l)"
         for name, rms in (("spiral", spiral), ("cardioid", cardioid))
     ]
 
@@ -196,7 +196,7 @@ def _pale(colour: str) -> str:
 
 
 def _legend(figure: Figure) -> None:
-    ranges = {"cardioid": rf"cardioid, $\alpha \leq {np.degrees(CARDIOID_BEND_RAD):z.3g}°$"}
+    ranges = {"cardioid": f"cardioid, alpha ≤ {np.degrees(CARDIOID_BEND_RAD):z.3g}°"}
     entries = {ranges.get(name, name): Line2D([], [], **look) for name, look in CURVES.items()}
     entries |= {
         "soft segment": plane.line(_pale(figures.SOFT_COLOUR), 3.2),

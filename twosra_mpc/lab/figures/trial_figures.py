@@ -18,7 +18,7 @@ from twosra_mpc.plotting import figures, plane
 from twosra_mpc.robot.coordinates import Array
 
 _MEASURED, _SIMULATED = "-", "--"
-_NAMES = ("x", "y", r"$\varphi$", r"$\kappa_1$", r"$\kappa_2$")
+_NAMES = ("x", "y", "φ", "κ₁", "κ₂")
 _PANELS = (  # columns of q, what they are
     (slice(0, 2), "position [m]"),
     (slice(2, 3), "heading [rad]"),
@@ -76,7 +76,7 @@ def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None
             *log.time_s[[phase.start, phase.stop - 1]], color=figures.SOFT_COLOUR, alpha=0.35
         )
     ax.plot(log.time_s, left / left[0], c="0.1", lw=1.6)
-    ax.set(ylabel=r"$|q - q_t|\ /\ |q_0 - q_t|$", ylim=(0.0, None))
+    ax.set(ylabel="|q - qₜ| / |q₀ - qₜ|", ylim=(0.0, None))
 
 
 def plot_distances(

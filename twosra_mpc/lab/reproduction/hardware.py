@@ -97,13 +97,17 @@ def trial_paths(folder: str | Path) -> list[Path]:
 
 @public
 def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
-    """Yield the log in each CSV file of trials, by name (`trial_paths`).
+    """Yield the log in each CSV file of trials, by name (`trial_paths`), and copies of it once.
 
     Raises:
         InputError: If there is none, or one is no log of motion with inputs of two segments.
     """
+    known: set[bytes] = set()
     for path in trial_paths(folder):
-        yield _log_of_two_segments(read_motion_log(path, robot))
+        log = _log_of_two_segments(read_motion_log(path, robot))
+        if (content := log.time_s.tobytes() + log.q.tobytes()) not in known:
+            known.add(content)
+            yield log
 
 
 def _log_of_two_segments(log: MotionLog) -> MotionLog:

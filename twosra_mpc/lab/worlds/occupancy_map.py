@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 
 import numpy as np
@@ -111,7 +111,7 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if abs(yaw := said.origin[2]) > _TURN_RAD:
         doubts.append(f"origin turns the map by {yaw:zg} rad, more than once (are these degrees?)")
     folder = Path() if is_device(path) else path.parent  # a pipe's map is one of where it is read
-    channels, of_image = _pixels(folder / said.image, source)
+    channels, of_image = _pixels(folder, said.image, source)
     doubts += of_image
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
     lightness = np.arange(3.0 * _OPAQUE + 1.0)  # three times the mean of the colours, as ROS has it
@@ -249,8 +249,9 @@ def _unpinched(polygon: Any) -> Any:
     return polygon.buffer(_BRIDGE, join_style="mitre")
 
 
-def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
+def _pixels(folder: Path, named: str, source: str) -> tuple[NDArray[np.uint8], list[str]]:
     """Colours and opacity of each pixel, (rows, columns, 4), and doubts about the image."""
+    path, name = folder / named, PureWindowsPath(named).name  # which takes / and \\ alike
     try:
         with open_image(path) as image:
             if image.mode not in _MODES:
@@ -265,7 +266,9 @@ def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], list[str]]:
             return pixels, [words for words, true in doubts.items() if true]
     except Exception as error:  # a spoilt image fails in many ways
         allowed = getattr(error, "allowed", f"an image file ({error})")
-        raise InputError("image", str(path), allowed, source) from None
+        beside = not path.exists() and (folder / name).is_file()
+        hint = f"did you mean {name}, beside it?" * beside  # map_saver wrote the path it was given
+        raise InputError("image", str(path), allowed, source, hint=hint) from None
 
 
 def _document(text: str, source: str) -> dict[str, Any]:
