@@ -275,6 +275,14 @@ def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
     assert run("verify", str(file), "--proof")[0] == 4
     assert run("verify", str(file))[0] == 0  # not asked for
     document["certificate"]["bound_s"] -= 1.0
+    known_s = document["confirmed_lower_bound_s"]
+    document["confirmed_lower_bound_s"] = document["confirmed_duration_s"]  # claimed, not proved
+    file.write_text(json.dumps(document))
+    assert run("verify", str(file))[0] == 0
+    code, text, _ = run("verify", str(file), "--proof")
+    assert code == 4
+    assert "confirmed bound: " in text
+    document["confirmed_lower_bound_s"] = known_s
     document["lower_bound_s"] += 1.0  # as if the plan were better than is proved
     document["fastest_cost_s"] += 1.0
     for gap, cost in (
