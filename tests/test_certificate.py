@@ -340,3 +340,16 @@ def test_what_has_no_proof_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installed, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="python-flint"):
         installed.require("--proof", "proof", "python-flint")
+
+
+def test_a_certificate_ends_at_its_limit_with_what_it_proves_by_then() -> None:
+    problem = load_problem("three-segments")
+    known = plan(problem).lower_bound
+    assert known is not None
+    made = [Prover(problem.with_values(work_limit=w)).certificate(known) for w in (1.0, 50.0, 1e5)]
+    opened = [len(each["opened"]) for each in made]
+    assert opened == sorted(set(opened))
+    assert opened[0] == 1
+    bounds = [check(problem, each).bound for each in made]
+    assert bounds == sorted(bounds)
+    assert 0.0 < bounds[0] < bounds[-1] <= known * (1 + 1e-3)
