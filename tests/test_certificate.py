@@ -275,6 +275,14 @@ def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
     assert run("verify", str(file), "--proof")[0] == 4
     assert run("verify", str(file))[0] == 0  # not asked for
     document["certificate"]["bound_s"] -= 1.0
+    known_s = document["confirmed_lower_bound_s"]
+    document["confirmed_lower_bound_s"] = document["confirmed_duration_s"]  # claimed, not proved
+    file.write_text(json.dumps(document))
+    assert run("verify", str(file))[0] == 0
+    code, text, _ = run("verify", str(file), "--proof")
+    assert code == 4
+    assert "confirmed bound: " in text
+    document["confirmed_lower_bound_s"] = known_s
     document["lower_bound_s"] += 1.0  # as if the plan were better than is proved
     document["fastest_cost_s"] += 1.0
     for gap, cost in (
@@ -332,3 +340,16 @@ def test_what_has_no_proof_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installed, "find_spec", lambda name: None)
     with pytest.raises(InputError, match="python-flint"):
         installed.require("--proof", "proof", "python-flint")
+
+
+def test_a_certificate_ends_at_its_limit_with_what_it_proves_by_then() -> None:
+    problem = load_problem("three-segments")
+    known = plan(problem).lower_bound
+    assert known is not None
+    made = [Prover(problem.with_values(work_limit=w)).certificate(known) for w in (1.0, 50.0, 1e5)]
+    opened = [len(each["opened"]) for each in made]
+    assert opened == sorted(set(opened))
+    assert opened[0] == 1
+    bounds = [check(problem, each).bound for each in made]
+    assert bounds == sorted(bounds)
+    assert 0.0 < bounds[0] < bounds[-1] <= known * (1 + 1e-3)

@@ -15,7 +15,7 @@ from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
-from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import resting_s
 
 V1 = load_robot("2sra-v1")
@@ -125,6 +125,23 @@ def test_a_finer_look_at_the_shapes_finds_no_quicker_growth(
             each = (growth.max(axis=2) + loose).max(axis=1).reshape(-1, smaller.low.shape[1])
             smaller = smaller.some(each.max(axis=0) >= np.quantile(each.max(axis=0), 0.95)).halved()
     assert least_s * surely <= need * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.9, 1.1, 3.0])
+def test_growth_known_of_other_modes_is_never_forgotten(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mode by mode it only grows: less of it would prove too long a motion."""
+    motion = random_motion(V1, np.random.default_rng(0))
+    assert motion is not None
+    _Told.read_of = []
+    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
+    task = bending_task(problem_between(V1, motion.states[0, 0], motion.end))
+    least_motion_s(task, tuple(MODES))
+    x, need, rate = max(_Told.read_of, key=lambda read: read[1] / read[2] if read[2] else 0.0)
+    for mode in MODES:
+        assert motion_bound._growth(_Told.last, x, mode, task, share * rate) >= share * rate
+    assert need > 0
 
 
 @pytest.mark.parametrize("loosely", [False, True])

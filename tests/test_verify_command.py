@@ -153,7 +153,7 @@ TAMPERINGS: dict[str, tuple[Tamper, str]] = {
     "a little less time": (lambda d: lower(d["cost"], "time_s"), "cost.time_s: "),
     "a bound a little above the cost": (
         lambda d: d.update(lower_bound_s=d["cost"]["total"] * (1 + 1e-7), gap=0.0),
-        "lower bound: above the cost it bounds",
+        "lower bound: above the cost that it bounds",
     ),
     "currents a little weaker": (
         lambda d: scale(d, "heater_current_A", 1 - 1e-7),

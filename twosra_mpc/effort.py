@@ -45,6 +45,7 @@ class Cost:
     ENCLOSURE = 100  # a thousand operations on intervals
     HEADING_STEP = 40  # a slice of twists in a step of the least time of a drive
     NEWTON_STEP = 15  # a row or column in a step of the interior point method
+    PROOF = 25_000  # a sequence that a certificate bounds, in interval arithmetic
     NLP_STEP = 750  # a variable in an iteration of IPOPT
     GREEDY_STEP = 2000  # a mode that proposes a step
     STAGE = 5000  # a stage of a way to do a mission

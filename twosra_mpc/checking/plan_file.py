@@ -243,12 +243,7 @@ def _proof(plan: Plan, status: Status) -> Iterator[Check]:
         text = "claimed without a lower bound" if claimed else "no lower bound, none claimed"
         yield Check("status", f"{status}: {text}", status is Status.FEASIBLE)
         return
-    margin = plan.cost.total - bound
-    within = bound >= 0 and margin >= -ROUNDING * plan.cost.total
-    text = f"{bound:z.3f} s, not above the cost"
-    if not within:
-        text = "below zero" if bound < 0 else "above the cost it bounds"
-    yield Check("lower bound", text, within, max(margin, 0.0) if within else -abs(margin), "s")
+    yield _bound("lower bound", bound, plan.cost.total, "the cost")
     if (quickest := plan.fastest_cost) is not None:
         slack = ROUNDING * plan.cost.total
         between = bound - slack <= quickest <= plan.cost.total + slack
@@ -270,9 +265,17 @@ def _confirmed(plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
         text = f"{said_s:z.3f} s; a walk through the phases takes {walked:z.3f} s"
         yield Check("confirmed_duration_s", text, same)
     if least_s is not None:
-        within = said_s is not None and 0.0 <= least_s <= said_s * (1 + ROUNDING)
-        text = f"{_number(least_s)} s, {'' if within else 'not '}between 0 and {_number(said_s)} s"
-        yield Check("confirmed_lower_bound_s", text, within)
+        yield _bound("confirmed_lower_bound_s", least_s, said_s or 0.0, "confirmed_duration_s")
+
+
+def _bound(name: str, bound: float, most: float, of: str) -> Check:
+    """Check of a bound that a plan claims: no plan shows more than that it is not contradicted."""
+    margin = most - bound
+    within = bound >= 0 and margin >= -ROUNDING * most
+    text = f"{bound:z.3f} s is claimed, not above {of}"
+    if not within:
+        text = "below zero" if bound < 0 else f"above {of} that it bounds"
+    return Check(name, text, within, max(margin, 0.0) if within else -abs(margin), "s")
 
 
 def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Check]:

@@ -32,6 +32,7 @@ from twosra_mpc.robot.description import Robot, load_robot
 
 if TYPE_CHECKING:
     from twosra_mpc.checking.certificate import Proof
+    from twosra_mpc.plans.plan import Plan
 
 _UNPROVED = 5e-4  # share of a reported bound that a certificate may leave open
 _ROUNDING = 1e-9  # relative
@@ -96,7 +97,9 @@ def _with_proof(found: PlanCheck) -> PlanCheck:
         raise InputError("certificate", MISSING, "a plan that was made with --proof")
     proof, claimed = check(result.problem, result.certificate), result.certificate.get("bound_s")
     cost = math.inf if result.plan is None else result.plan.cost.total
-    checks = (*_proved(proof, claimed, result.lower_bound or 0.0, cost),)
+    checks = [*_proved(proof, claimed, result.lower_bound or 0.0, cost)]
+    if result.plan is not None and result.plan.confirmed_lower_bound is not None:
+        checks.append(_confirmed(result.plan, proof))
     false = (f"{one.name}: {one.found}" for one in checks if not one.ok)
     return replace(found, checks=(*found.checks, *checks), problems=(*found.problems, *false))
 
@@ -118,6 +121,17 @@ def _proved(proof: Proof, claimed: object, reported: float, cost: float) -> Iter
         text = f"no plan costs less than {proof.bound:z.3f} s is proved, but this one costs"
         text = f"{text} {cost:z.3f} s: it breaks a rule, or the proof is wrong"
         yield Check("contradiction", text, ok=False, margin=-below, unit="s")
+
+
+def _confirmed(plan: Plan, proof: Proof) -> Check:
+    """Bound anew the time until all is known to be done, by the planner's own search."""
+    from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
+
+    stated = plan.confirmed_lower_bound or 0.0
+    found = confirmed_lower_bound(replace(plan, lower_bound=proof.bound)) or 0.0
+    margin = found - stated * (1 - _UNPROVED)
+    text = f"{stated:z.3f} s is claimed; {found:z.3f} s is found anew"
+    return Check("confirmed bound", text, margin >= 0, margin, "s")
 
 
 def _print_verdicts(checked: dict[str, PlanCheck]) -> None:

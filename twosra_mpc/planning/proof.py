@@ -8,12 +8,14 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from twosra_mpc.checking.certificate import Checker, Prices, check
 from twosra_mpc.checking.events import ORIGIN
+from twosra_mpc.effort import Cost, OutOfEffortError, charge, limited, out_of_effort
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import forgiven
@@ -39,6 +41,7 @@ class Prover:
         """Prove that no plan costs less than ``target_s``, or than as much of it as can be proved.
 
         Best first: as long as the least bound is that of a sequence not yet opened, it is opened.
+        Whatever is opened proves something: it may take the problem's ``work_limit``.
 
         Args:
             target_s: The lower bound to prove [s]; what is proved may be a little more.
@@ -47,25 +50,27 @@ class Prover:
             Plain data: ``opened``, the sequences to open; ``priced``, the leaves that need prices;
             and ``bound_s``, what that proves.
         """
-        checker, opened = self._checker, list[ModeSequence]()
+        problem, checker, opened = self._problem, self._checker, list[ModeSequence]()
         root = checker.root()
         queue = [(checker.node_bound(root), False, root)]
-        while len(opened) < _MOST:
-            bound, leaf, node = heapq.heappop(queue)
-            if leaf or forgiven(bound, self._problem.replay_tolerance) >= target_s:
-                break
-            opened.append(node)
-            if (sequence := checker.leaf(node)) is not None:
-                heapq.heappush(queue, (self._leaf_bound(sequence, target_s), True, sequence))
-            for child in checker.children(node):
-                heapq.heappush(queue, (max(bound, checker.node_bound(child)), False, child))
+        with suppress(OutOfEffortError), limited(problem.work_limit, problem.time_limit_s):
+            while len(opened) < _MOST and not out_of_effort():
+                bound, leaf, node = heapq.heappop(queue)
+                if leaf or forgiven(bound, problem.replay_tolerance) >= target_s:
+                    break
+                opened.append(node)
+                if (sequence := checker.leaf(node)) is not None:
+                    heapq.heappush(queue, (self._leaf_bound(sequence, target_s), True, sequence))
+                for child in checker.children(node):
+                    charge(Cost.PROOF)
+                    heapq.heappush(queue, (max(bound, checker.node_bound(child)), False, child))
         made: dict[str, Any] = {"opened": [_listed(node) for node in sorted(opened)]}
         if self._prices:
             made["priced"] = [
                 {"sequence": _listed(leaf), **prices._asdict()}
                 for leaf, prices in sorted(self._prices.items())
             ]
-        return {"bound_s": check(self._problem, made).bound, **made}
+        return {"bound_s": check(problem, made).bound, **made}
 
     def _leaf_bound(self, sequence: ModeSequence, enough_s: float) -> float:
         """Bound of a leaf; where that is not enough, with the best prices."""
