@@ -85,7 +85,7 @@ def test_no_command_writes_setpoints_of_a_forged_plan(name: str, forged: Path, r
 
 @pytest.mark.parametrize("name", sorted(OUTPUTS.keys() - {"verify", "report"}))
 def test_no_command_writes_anything_of_a_file_without_a_plan(name: str, run: Run) -> None:
-    none = {"plan": None, "lower_bound": None, "status": Status.FAILED, "message": "no way"}
+    none = {"plan": None, "lower_bound": None, "status": Status.FAILED, "words": "no way"}
     replace(solved("rigid-move"), **none).save("p.json")
     for arguments in OUTPUTS[name]:
         done = run(name, "p.json", *arguments)

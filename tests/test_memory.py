@@ -34,6 +34,7 @@ FEW = {  # functions asked for few things ever, so that their caches need no bou
     "lab/figures/paper_figures.py": "both_plans: five tasks",
     "lab/reproduction/published_runs.py": "run, run_freely: five simulations",
     "planning/relaxation.py": "rate, speed_m_s: modes of one problem, gone with its search",
+    "planning/stages/variants.py": "handling: of nothing, gone with its ways",
     "timing/thermal.py": "least: gone once its segments have been asked for",
 }
 

@@ -45,7 +45,8 @@ _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is giv
 def _numbers(value: Any) -> Any:
     """A value as an array of numbers; NaN where it has none, as words that look like numbers."""
     try:
-        return np.ma.filled(value, math.nan).astype(float, casting="same_kind")
+        plain = value.filled(math.nan) if hasattr(value, "filled") else value  # of masked arrays
+        return np.asarray(plain).astype(float, casting="same_kind")
     except (TypeError, ValueError):
         return np.asarray(math.nan)
 

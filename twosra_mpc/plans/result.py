@@ -291,16 +291,17 @@ def plan_within(document: dict[str, Any], robot: dict[str, Any], source: str) ->
 def _result(data: PlanDocument, source: str) -> Result:
     problem = embedded_problem(data.robot, data.scenario, source)
     early = Ending.LIMIT if data.stopped_early else None
+    plan = None if data.samples is None else _plan(data, problem, data.samples)
     return Result(
         problem=problem,
         planner=data.planner,
         status=data.status,
-        words=data.message,
+        words="" if data.message == str(plan or "") else data.message,
         lower_bound=data.lower_bound_s,
         ending=data.ending or early,
         stats=data.stats,
         certificate=data.certificate,
-        plan=None if data.samples is None else _plan(data, problem, data.samples),
+        plan=plan,
     )
 
 
