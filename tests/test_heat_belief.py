@@ -92,23 +92,15 @@ def test_no_healthy_robot_is_stopped(seed: int) -> None:
     assert found.hottest_C < 80.0
 
 
-# Of the last two few healthy segments show the readings: the heater rests, goes on, and rests.
+# Of the last three few healthy segments show the readings: the heater rests, goes on, and rests.
 @pytest.mark.parametrize(
     ("lie", "seed"),
-    [*((lie, 5) for lie in LIES), ("creeps", 5026), ("scaled", 7002)],
+    [*((lie, 5) for lie in LIES), ("creeps", 5026), ("stuck, melting", 5006), ("scaled", 7002)],
 )
 def test_no_sensor_makes_metal_too_hot_or_is_in_doubt_for_long(lie: str, seed: int) -> None:
     found = watched(ROBOT, seed, lie, lasts_s=700.0)
     assert found.hottest_C <= HIGHEST_C
     assert not found.mattered_s > LATEST_S
-
-
-def test_in_doubt_a_segment_freezes_before_it_melts() -> None:
-    """Quick metal under a sensor that sticks, and healthy slow metal, which goes on after it."""
-    assert watched(ROBOT, 7031, "stuck", lasts_s=150.0).hottest_C <= HIGHEST_C
-    slow = watched(ROBOT, 6201, lasts_s=600.0)
-    assert slow.cause == ""
-    assert slow.slowest_s > 300.0
 
 
 def test_no_healthy_metal_cools_more_slowly_than_the_slowest() -> None:

@@ -7,8 +7,7 @@ was known before is the prior. Beside a segment of these values others are warme
 along each principal axis of what is not known: their differences are the sensitivities of readings
 and metal. The heater is off where metal may be too hot, or where no healthy segment would have
 shown what was shown. A sensor that sticks near the melting point shows what metal that melts slowly
-would: where known heat alone makes metal too hot, and such readings cost much, the segment freezes
-before it melts. Readings of solid metal then tell a slow segment from a sensor that sticks.
+would: where known heat alone makes metal too hot, such readings must not cost much.
 """
 
 from __future__ import annotations
@@ -26,16 +25,15 @@ from twosra_mpc.thermal.model import Array, State
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 20.0  # of the prior; 9.3 at most in 142 runs of healthy segments; or told
+_UNLIKE_COST = 20.0  # of the prior; 9.3 at most in 142 runs of healthy segments
+_UNLIKE_TOLD = 10.0  # of readings near the melting point of hot metal; 7.1 of 342 healthy segments
 _GAIN = 0.1  # less is not worth a step
-_DOUBT_K = 0.8  # from which on the heater waits
-_WAIT_TOLD = 4.0  # the same, until metal is solid: few healthy robots wait, once
-_DOUBT_TOLD, _TOLD = 5.0, 10.0  # from which on it is doubt, and the scale of it
+_DOUBT_K, _DOUBT_TOLD = 0.8, 5.0  # from which on the heater waits
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
 _ENDS = 1.05  # of the ranges: segments at their ends
-_SURELY = 2.5  # deviations
+_SURELY, _LIKELY = 2.5, 1.0  # deviations; of metal by known heat alone
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
 _STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
@@ -210,18 +208,14 @@ class HeatBelief(ArrayValue):
     @property
     def misfit(self) -> float:
         """Misfit of the last readings, or of what explains all; healthy segments stay below 1."""
-        return max(self.square_K2 / _UNLIKE_K**2, max(self.cost, self.told) / _UNLIKE_COST)
+        told = self.told / _UNLIKE_TOLD
+        return max(self.square_K2 / _UNLIKE_K**2, self.cost / _UNLIKE_COST, told)
 
     @property
     def doubt(self) -> float:
         """Doubt in the last readings: 1 where no healthy segment shows them, more than 0 if few."""
-        told = (self.told - _DOUBT_TOLD) / _TOLD
+        told = (self.told - _DOUBT_TOLD) / _UNLIKE_TOLD
         return 1.0 if self.misfit >= 1.0 else max(self.square_K2 / _UNLIKE_K**2, told)
-
-    @property
-    def rests(self) -> bool:
-        """True if the heater has been off for so long that metal only cools."""
-        return self.quiet_s >= _QUIET_S
 
     @property
     def heated_s(self) -> float:
@@ -310,7 +304,7 @@ class HeatBelief(ArrayValue):
 
     def _rests(self, shown_C: float) -> bool:
         """True if a reading tells the metal's heat, or the heater's does not any more."""
-        if self.kinds.is_solid(shown_C) and self.rests:
+        if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
             return sum(heat.passed_s for heat, _ in self.since) >= _RESTS_S
         unknown_s = sum(heat.unknown_s for heat, _ in self.since)
         liquid = self.surely_liquid and self.kinds.is_liquid(shown_C)
@@ -375,15 +369,14 @@ class HeatBelief(ArrayValue):
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())
-        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _WAIT_TOLD
+        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _DOUBT_TOLD
         return replace(now, cut=hot or doubted)
 
     def _told(self) -> float:
         """Cost of readings near the melting point where known heat alone makes metal too hot."""
         if self.blind is self.fit:
             return 0.0
-        freezes = self.told >= _WAIT_TOLD
-        hot = freezes or replace(self._about(self.blind), surely=_SURELY)._hot(self.cut)
+        hot = replace(self._about(self.blind), surely=_LIKELY)._hot(self.cut)
         return self._cost(self.fit) - self._cost(self.blind) if hot else 0.0
 
     def _cost(self, fit: Fit) -> float:

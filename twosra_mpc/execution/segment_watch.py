@@ -320,7 +320,7 @@ class SegmentWatch:
 
     def _check_likeness(self, passed_s: float, here_C: float, belief: HeatBelief) -> None:
         """Readings that no healthy segment shows after so much heat, or few do for so long."""
-        off = self._asked == "rigid" or belief.rests
+        off = self._asked == "rigid"
         doubt = belief.misfit - _USUAL_OFF if off else belief.doubt - _USUAL_DOUBT
         self._unlike_s = max(0.0, self._unlike_s + doubt * passed_s)
         if self._unlike_s < _UNLIKE_S:
