@@ -195,10 +195,10 @@ def test_goals_and_robots_that_do_not_fit_are_refused() -> None:
 # --- folders ----------------------------------------------------------------------------------
 
 
-def test_trials_are_read_by_name(tmp_path: Path) -> None:
+def test_trials_are_read_by_name_and_once(tmp_path: Path) -> None:
     rows = [f"0.1,0.2,0,{i},0,0,0,0,0,0,1,0,{i}" for i in range(4)]
-    for name in ("b", "a"):
-        (tmp_path / f"{name}.csv").write_text("\n".join([HEADER, *rows]))
+    for name, last in (("b", "0.1,0.2,0,9,0,0,0,0,0,0,1,0,4"), ("a", rows[-1]), ("c", rows[-1])):
+        (tmp_path / f"{name}.csv").write_text("\n".join([HEADER, *rows[:-1], last]))
     (tmp_path / "notes.txt").write_text("not a log")
     logs = list(read_trials(tmp_path, load_robot("2sra-v1")))
     assert [Path(log.source).stem for log in logs] == ["a", "b"]
