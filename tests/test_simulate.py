@@ -47,10 +47,9 @@ def done() -> Simulation:
 
 @pytest.fixture(scope="module")
 def replanned() -> Simulation:
-    """A run that was planned again."""
-    found = simulated("paper-1", 2)
-    assert found.run.replans == 1
-    return found
+    """A run that was planned again: the seed depends on how libraries round."""
+    runs = (simulated("paper-1", seed) for seed in range(2, 12))
+    return next(found for found in runs if found.run.replans == 1)
 
 
 # --- program -------------------------------------------------------------------------------------
