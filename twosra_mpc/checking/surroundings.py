@@ -22,7 +22,6 @@ from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
     OVERLAP_M,
     ROUNDING,
-    ROUNDING_M,
     TIME_TOLERANCE_S,
     TOUCHING_M,
     UNSEEN_M,
@@ -33,6 +32,7 @@ from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.validation import Pair
 
 _POINTS = 201  # along a segment that lies along something
+_NEAREST_M = 1e-9  # to which the nearest place to an edge is found: its margin is stated
 _COARSE_M = 2e-3  # to see whether a robot that has let go is free to leave
 
 
@@ -111,7 +111,7 @@ def _within_m(problem: Problem, sweep: Sweep) -> Iterator[tuple[float, str]]:
             sweep.travelled_m,
             first=0,
             last=len(sweep.t_s) - 1,
-            accuracy_m=ROUNDING_M,
+            accuracy_m=_NEAREST_M,
         )
         by = f"{-1e3 * found.distance_m:z.3g} mm at {sweep.t_s[found.at]:z.1f} s"
         yield found.distance_m, f"the robot leaves the workspace by {by}"
