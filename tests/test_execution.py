@@ -342,11 +342,11 @@ def test_a_plan_for_another_robot_is_refused_by_name() -> None:
 
 
 def test_the_greedy_rule_reaches_the_goal_without_a_plan() -> None:
-    done = simulated("paper-2", 2, executor="greedy")
+    done = simulated("paper-2", 3, executor="greedy")
     assert done.run.executor == "greedy"
     assert done.run.plans == ()
     assert done.metrics.reached
-    assert done.metrics.transitions in (2, 4)  # once more where rounding leaves it beside the shape
+    assert done.metrics.transitions == 2
     assert done.run.drives[0].mode == (1, 0)
     assert done.run.drives[-1].mode == (0, 0)
     assert done.metrics.forced_s == 0.0
