@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -22,3 +24,35 @@ def test_an_interrupted_program_ends_quietly_or_with_the_best_so_far() -> None:
     found = list(interrupted("plan", range(3)))
     assert len(found) == 3
     assert [each for each in found if each is not None] == []
+
+
+SWALLOWED = """
+import os, signal, weakref
+from twosra_mpc import cli
+from twosra_mpc.cli import planning
+
+class Thing: pass
+
+def struck(_: object) -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):
+        pass
+
+def late(*_: object, **__: object) -> None:
+    thing = Thing()
+    kept = weakref.ref(thing, struck)
+    del thing
+    while True:
+        pass
+
+planning.plan_with_progress = late
+cli.main(["plan", "rigid-move"])
+"""
+
+
+def test_an_interrupt_that_falls_into_a_callback_is_asked_for_again() -> None:
+    """Python itself has such callbacks, of the modules that it loads."""
+    command = [sys.executable, "-c", SWALLOWED]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=50, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr.strip() == "twosra: interrupted before there was a result"

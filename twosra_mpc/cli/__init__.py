@@ -5,11 +5,13 @@ Results go to standard output, progress and errors to standard error. Exit codes
 
 from __future__ import annotations
 
+import _thread
 import importlib
 import os
 import re
 import signal
 import sys
+import threading
 import tomllib
 import traceback
 import warnings
@@ -116,6 +118,16 @@ def commands() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    usual = sys.unraisablehook
+
+    def swallowed(lost: sys.UnraisableHookArgs) -> None:
+        """Ask again for an interrupt that fell into a callback of Python, which cannot raise it."""
+        if lost.exc_type is KeyboardInterrupt:
+            threading.Timer(1e-3, _thread.interrupt_main).start()
+        else:
+            usual(lost)
+
+    sys.unraisablehook = swallowed
     with noted_interrupts() as interrupts, _warnings_in_words() as told:
         code = _run(arguments, interrupts, told)
     sys.exit(code)
