@@ -23,10 +23,11 @@ MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob(
 # problem is, and may ask which kinds they are: it has a second account of each.
 CERTIFICATES = (
     *("checking/certificate.py", "checking/events.py"),
-    *("checking/body.py", "checking/fibre.py", "checking/melts.py"),
+    *("checking/body.py", "checking/fibre.py", "checking/legs.py", "checking/melts.py"),
 )
 OF_CERTIFICATES = (
     *("twosra_mpc.errors", "twosra_mpc.problem.problem", "twosra_mpc.problem.tolerances"),
+    *("twosra_mpc.problem.goals", "twosra_mpc.problem.tasks", "twosra_mpc.problem.world"),
     "twosra_mpc.robot.",
     *("twosra_mpc.thermal.lumped", "twosra_mpc.thermal.two_node", "twosra_mpc.thermal.uncertainty"),
     *(f"twosra_mpc.{module[:-3].replace('/', '.')}" for module in CERTIFICATES),

@@ -46,6 +46,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/checking/certificate.py": ("test_certificate",),
     "twosra_mpc/checking/events.py": ("test_certificate",),
     "twosra_mpc/checking/fibre.py": ("test_certificate",),
+    "twosra_mpc/checking/legs.py": ("test_certificate",),
     "twosra_mpc/checking/heat.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/plan_file.py": ("test_forged_plans", "test_verify_command"),
     "twosra_mpc/checking/verification.py": (

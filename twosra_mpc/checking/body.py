@@ -68,6 +68,20 @@ def nearest(robot: Robot, shapes: Sequence[Sequence[arb]]) -> Nearest:
     return Nearest(int(number), least_m, meet)
 
 
+def outermost_m(robot: Robot) -> float:
+    """Largest distance of a point of the robot from b0, in any shape [m]."""
+    geometry, inner = robot.geometry, robot.geometry.inner_link_of_b0
+    parts = itertools.chain(*(_unit(robot, (0.0, 0.0, 0.0), unit) for unit in (0, 1)))
+    hung_m = max(
+        abs(complex(x, y) + complex(c, s) * complex(length * along, width * across))
+        for x, y, c, s, length, width in (part.numbers for part in parts)
+        for along, across in itertools.product((-1, 1), repeat=2)
+    )
+    sides = geometry.lengths_m[:inner], geometry.lengths_m[inner:]
+    along_m = max(sum(side) + max(len(side) - 1, 0) * geometry.middle_link_m for side in sides)
+    return geometry.half_link_m + along_m + max(hung_m, geometry.fibre_radius_m)
+
+
 def _separations(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     """Separations of two rectangles along the sides of both; the largest one counts."""
     found, (x, y) = list[Any](), (b[0] - a[0], b[1] - a[1])

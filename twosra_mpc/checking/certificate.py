@@ -19,13 +19,14 @@ from typing import Any, NamedTuple
 
 from flint import arb, fmpq_mat
 
-from twosra_mpc.checking.events import ORIGIN, Event, Events, Network
-from twosra_mpc.checking.fibre import NOTHING, Fibre, Least, between, low
+from twosra_mpc.checking.events import ORIGIN, Event, Events, Network, Stop
+from twosra_mpc.checking.fibre import NO_TIME, Fibre, Least, between, low
+from twosra_mpc.checking.legs import NOTHING, Choices, Leg, Legs, in_any_order
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE, forgiven
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, forgiven
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.modes import ModeSequence, rigid_mode
+from twosra_mpc.robot.modes import ModeSequence, StartingStiffness, rigid_mode
 
 _BOXES = (1, 200, 40, 14, 7)  # of each curvature that is not known, by their number
 
@@ -39,6 +40,13 @@ class Prices(NamedTuple):
     bends: list[list[float]]
     edges: list[float]
     slopes: list[float]
+
+
+class Leaf(NamedTuple):
+    """The phases of a leaf: the least of each, and their events."""
+
+    least: list[Least]
+    network: Network
 
 
 class Bounded(NamedTuple):
@@ -67,85 +75,154 @@ class Proof:
 
 
 class Checker:
-    """Lower bounds on sets of plans of one problem."""
+    """Lower bounds on sets of plans of one problem, whose tasks are done in the order given."""
 
     def __init__(self, problem: Problem) -> None:
-        if any(task.rests for task in problem.tasks):
-            raise InputError("tasks", "a mission", "a problem with one goal: others have no proof")
         self.problem, self.events, self.fibre = problem, Events(problem), Fibre(problem.robot)
-        self.first, self.last = problem.start_stiffness, problem.goal.mode
+        self.legs, self.first = tuple(Legs(problem).legs()), problem.start_stiffness
         self.rigid, self.segments = rigid_mode(len(self.first)), range(len(self.first))
         start = problem.start.configuration
         limit = problem.robot.limits.curvature_per_m + BEYOND_PER_M
-        lower, upper = (end.tolist()[POSE:] for end in problem.goal.box(start))
         self.origin = [self.fibre.coordinate(j, k) for j, k in enumerate(start.tolist()[POSE:])]
         self.room = [self.fibre.coordinate(j, limit) for j in self.segments]
-        self.limit, self.change, self._fastest = arb(limit), list[arb](), dict[Any, arb]()
-        for j, (a, b) in enumerate(zip(lower, upper, strict=True)):
-            a, b = max(a - GOAL_TOLERANCE, -limit), min(b + GOAL_TOLERANCE, limit)
-            self.change.append(self.fibre.coordinate(j, between(a, b)) - self.origin[j])
+        self.ends = [
+            [self.fibre.coordinate(j, k) for j, k in enumerate(leg.shape)] for leg in self.legs
+        ]
+        self.limit, self._fastest = arb(limit), dict[Any, arb]()
 
-    # The tree of mode sequences: section 1 of the lemmas.
+    # The tree of mode sequences: section 1 of the lemmas. () marks the end of a leg.
 
     def root(self) -> ModeSequence:
         """With what every sequence begins: the rigid mode, if the robot is rigid and may drive."""
-        drives = self.first == self.rigid and self.rigid in self.problem.modes
-        return (self.rigid,) if drives else ()
+        return self._begun((), self.first)
+
+    def _begun(self, node: ModeSequence, stiffness: StartingStiffness | None) -> ModeSequence:
+        drives = stiffness == self.rigid and self.rigid in self.legs[node.count(())].modes
+        return (*node, self.rigid) if drives else node
 
     def children(self, node: ModeSequence) -> list[ModeSequence]:
-        """Every sequence that is longer by a phase; no phase repeats the mode before it."""
-        return [(*node, mode) for mode in self.problem.modes if node[-1:] != (mode,)]
+        """Every sequence that is longer by a phase, or a leg; no phase repeats the one before."""
+        leg, final = self._leg(node)
+        found = [(*node, mode) for mode in leg.modes if node[-1:] != (mode,)]
+        if not final and (closed := self._closed(node)) is not None:
+            found.append(self._begun((*closed, ()), leg.last))
+        return found
 
     def leaf(self, node: ModeSequence) -> ModeSequence | None:
         """The sequence whose plans are counted at a node: the node, or closed by a rigid phase.
 
-        None at a node that is itself another one closed.
+        None at a node that is itself another one closed, or has legs to come.
         """
-        opening = node == self.root() == (self.rigid,)
-        if opening or self.last != self.rigid or self.rigid not in self.problem.modes:
+        return self._closed(node) if self._leg(node)[1] else None
+
+    def _leg(self, node: ModeSequence) -> tuple[Leg, bool]:
+        """The leg that a node is in, and whether it is the last one."""
+        number = node.count(())
+        return self.legs[number], number == len(self.legs) - 1
+
+    def _closed(self, node: ModeSequence) -> ModeSequence | None:
+        (leg, final), head, before = self._leg(node), parts(node)[-1], self._before(node)
+        drives = leg.last == self.rigid and self.rigid in leg.modes
+        if leg.last is None or (final and not drives):
             return node
-        return None if node[-1:] == (self.rigid,) else (*node, self.rigid)
+        if head == (self.rigid,) and before == self.rigid and drives:
+            return node
+        return None if head[-1:] == (leg.last,) else (*node, leg.last)
+
+    def _before(self, node: ModeSequence) -> StartingStiffness | None:
+        """Stiffness in which the leg of a node begins, as far as that is known."""
+        number = node.count(())
+        return self.legs[number - 1].last if number else self.first
+
+    def _choices(self, sequences: Sequence[ModeSequence]) -> list[Choices]:
+        """What must still melt in each leg, after these phases of the first ones."""
+        found, soft = list[Choices](), [now == 1 for now in self.first]
+        none = [()] * (len(self.legs) - len(sequences))
+        for leg, phases in zip(self.legs, [*sequences, *none], strict=True):
+            had = {j for j in self.segments if soft[j] or any(mode[j] for mode in phases)}
+            left = tuple(either - had for either in leg.melts)
+            found.append(NOTHING if frozenset() in left else left)
+            ends = leg.last or (phases[-1] if phases else soft)
+            soft = [now == 1 for now in ends]
+        return found
 
     def node_bound(self, node: ModeSequence) -> float:
         """Lower bound on every plan whose sequence begins with these phases [s]."""
-        melted = [self.first[j] or any(mode[j] for mode in node) for j in self.segments]
-        missing = [j for j in self.segments if not melted[j] and not self.change[j].contains(0)]
-        return self.events.cost(self.events.network(node, [arb(0)] * len(node), missing))
+        sequences = parts(node)
+        over, choices = len(sequences) - 1, self._choices(sequences)
+        if any(each != NOTHING for each in choices[:over]):
+            return math.inf
+        phases, least = joined(node), list[float]()
+        lasting = [s for k, own in enumerate(sequences) for s in self._drives(k, own, k < over)]
+        for melts in itertools.product(*choices[over:]):
+            stops, pending = list[Stop](), frozenset[int]()
+            for number, (leg, own) in enumerate(
+                zip(self.legs[over:], melts, strict=True), over + 1
+            ):
+                pending |= own
+                drive_s = leg.drive_s if number > over + 1 and leg.modes == (self.rigid,) else 0.0
+                if leg.last is not None or number == len(self.legs):
+                    stops.append(Stop(leg.last, pending, drive_s))
+                    pending = frozenset()
+            network = self.events.network(phases, lasting, stops)
+            least.append(self.events.cost(network))
+        return min(least)
+
+    def _drives(self, number: int, phases: ModeSequence, over: bool) -> list[arb]:
+        """Least durations of the phases of a leg, by what it comes where it only drives."""
+        leg, none = self.legs[number], [arb(0)] * len(phases)
+        alone = phases == (self.rigid,) and (over or leg.modes == (self.rigid,))
+        return [arb(leg.drive_s)] if alone else none
 
     # Bends: section 2.
 
     def leaf_bound(self, sequence: ModeSequence, prices: Prices | None = None) -> float:
         """Lower bound on every plan of exactly these phases [s]; inf if there is none."""
-        if self._kept(sequence):
+        if (leaf := self.timed(sequence)) is None:
             return math.inf
-        least = self.least(sequence)
-        if least is None:
-            return math.inf
-        network = self.events.network(sequence, [one.time for one in least])
-        bound = self.events.cost(network)
-        if prices is None or network.refused:
+        bound = self.events.cost(leaf.network)
+        if prices is None or leaf.network.refused:
             return bound
-        efforts = [one.effort for one in least]
-        return max(bound, self._priced(sequence, network, prices, efforts))
+        return max(bound, self._priced(sequence, leaf, prices))
+
+    def timed(self, sequence: ModeSequence) -> Leaf | None:
+        """Least durations of the phases of a leaf, and its events; None if there is no plan."""
+        sequences, least, here = parts(sequence), list[Least](), list(self.origin)
+        if any(each != NOTHING for each in self._choices(sequences)):
+            return None
+        for number, (phases, ends) in enumerate(zip(sequences, self.ends, strict=True)):
+            change = [end - w for end, w in zip(ends, here, strict=True)]
+            if self._kept(phases, change) or (own := self._least(phases, here, change)) is None:
+                return None
+            drives = self._drives(number, phases, over=True)
+            least += [
+                Least(one.time.max(s), one.effort) for one, s in zip(own, drives, strict=True)
+            ]
+            soft = [any(mode[j] for mode in phases) for j in self.segments]
+            here = [b if s else a for a, b, s in zip(here, ends, soft, strict=True)]
+        times, end = [one.time for one in least], [Stop(self.legs[-1].last)]
+        return Leaf(least, self.events.network(joined(sequence), times, end))
 
     def sums(self, sequence: ModeSequence) -> list[list[arb]]:
-        """Changes of W after each phase, segment by segment, within limits and goal."""
+        """Changes of W since t = 0 after each phase, segment by segment, within limits and ends."""
         room = [between(-r - w, r - w) for r, w in zip(self.room, self.origin, strict=True)]
-        later = [sequence[i + 1 :] for i in range(len(sequence))]
-        return [
-            [room[j] if any(m[j] for m in rest) else self.change[j] for j in self.segments]
-            for rest in later
-        ]
+        found = list[list[arb]]()
+        for phases, ends in zip(parts(sequence), self.ends, strict=True):
+            change = [end - w for end, w in zip(ends, self.origin, strict=True)]
+            for later in (phases[i + 1 :] for i in range(len(phases))):
+                bends = [any(mode[j] for mode in later) for j in self.segments]
+                found.append([room[j] if bends[j] else change[j] for j in self.segments])
+        return found
 
-    def _priced(
-        self, sequence: ModeSequence, network: Network, prices: Prices, efforts: Sequence[arb]
-    ) -> float:
+    def _priced(self, leaf: ModeSequence, timed: Leaf, prices: Prices) -> float:
         """Dual bound: proved by prices of all changes of W and all differences of event times."""
+        sequence, network = joined(leaf), timed.network
+        efforts = [one.effort for one in timed.least]
         rows = len(prices.edges), len(prices.slopes), [len(row) for row in prices.bends]
         if rows != (len(network.edges), len(sequence), [len(self.segments)] * len(sequence)):
             raise InputError("certificate.priced", rows, "prices of each edge, phase and W")
         need, drawn = arb(0), [arb(0)] * len(sequence)  # price of the bend of each phase
-        for i, (priced, sums) in enumerate(zip(prices.bends, self.sums(sequence), strict=True)):
+        for i, (priced, sums) in enumerate(zip(prices.bends, self.sums(leaf), strict=True)):
             for j, (price, total) in enumerate(zip(priced, sums, strict=True)):
                 need += price * total
                 for k in range(i + 1):
@@ -188,7 +265,7 @@ class Checker:
             if not any(m[j] for m in (*before, mode)):
                 known[j] = start
             elif not any(m[j] for m in (mode, *after)):
-                known[j] = start + self.change[j]
+                known[j] = self.ends[-1][j]
         key = (
             mode,
             *(
@@ -208,37 +285,42 @@ class Checker:
             self._fastest[key] = most
         return self._fastest[key]
 
-    def _kept(self, sequence: ModeSequence) -> bool:
+    def _kept(self, phases: ModeSequence, change: Sequence[arb]) -> bool:
         """True if sums of W with weights -1, 0, 1 must change which these modes cannot change."""
-        soft = {mode for mode in sequence if any(mode)}
+        soft = {mode for mode in phases if any(mode)}
         for kept in itertools.product((-1, 0, 1), repeat=len(self.first)):
             idle = all(sum(c * s for c, s in zip(kept, mode, strict=True)) == 0 for mode in soft)
-            moved = sum((c * w for c, w in zip(kept, self.change, strict=True)), arb(0))
+            moved = sum((c * w for c, w in zip(kept, change, strict=True)), arb(0))
             if idle and not moved.contains(0):
                 return True
         return False
 
-    def _bends(self, sequence: ModeSequence) -> list[arb] | None:
+    def _bends(self, phases: ModeSequence, change: Sequence[arb]) -> list[arb] | None:
         """Change of W in each phase; None where the soft modes leave a choice."""
-        soft = [i for i, mode in enumerate(sequence) if any(mode)]
+        soft = [i for i, mode in enumerate(phases) if any(mode)]
         if not soft:
-            return [arb(0)] * len(sequence)
-        incidence = fmpq_mat([list(sequence[i]) for i in soft])
+            return [arb(0)] * len(phases)
+        incidence = fmpq_mat([list(phases[i]) for i in soft])
         gram = incidence * incidence.transpose()
         if gram.rank() < len(soft):
             return None
-        inverse, bends = gram.inv() * incidence, [arb(0)] * len(sequence)
+        inverse, bends = gram.inv() * incidence, [arb(0)] * len(phases)
         for row, i in enumerate(soft):
-            bends[i] = sum((arb(inverse[row, j]) * self.change[j] for j in self.segments), arb(0))
+            bends[i] = sum((arb(inverse[row, j]) * change[j] for j in self.segments), arb(0))
         return bends
 
-    def least(self, sequence: ModeSequence) -> list[Least] | None:
-        """Least durations of phases whose bends are known; None if one is forbidden."""
-        bends, here, least = self._bends(sequence), list(self.origin), list[Least]()
+    def _least(
+        self, phases: ModeSequence, here: Sequence[arb], change: Sequence[arb]
+    ) -> list[Least] | None:
+        """Least durations of the phases of a leg whose bends are known; None if one is forbidden.
+
+        ``here`` has the W of every segment where it begins.
+        """
+        bends, least = self._bends(phases, change), list[Least]()
         if bends is None:
-            return [NOTHING] * len(sequence)
-        for mode, bend in zip(sequence, bends, strict=True):
-            one = self.fibre.least(mode, here, bend) if any(mode) else NOTHING
+            return [NO_TIME] * len(phases)
+        for mode, bend in zip(phases, bends, strict=True):
+            one = self.fibre.least(mode, here, bend) if any(mode) else NO_TIME
             here = [w + bend if soft else w for w, soft in zip(here, mode, strict=True)]
             beyond = any(abs(w) > room for w, room in zip(here, self.room, strict=True))
             if one is None or beyond:
@@ -247,29 +329,47 @@ class Checker:
         return least
 
 
+def parts(node: ModeSequence) -> list[ModeSequence]:
+    """The phases of each leg of a node."""
+    found: list[ModeSequence] = [()]
+    for mode in node:
+        if mode:
+            found[-1] = (*found[-1], mode)
+        else:
+            found.append(())
+    return found
+
+
+def joined(node: ModeSequence) -> ModeSequence:
+    """All phases of a node."""
+    return tuple(filter(None, node))
+
+
 def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
     """Work out what a certificate proves of a problem.
 
     Raises:
         InputError: If it is no certificate, or the problem is of a kind that has none.
     """
-    checker, parts = Checker(problem), list[Bounded]()
-    opened, prices = _read(certificate)
-    nodes = [checker.root()]
-    while nodes:
-        node = nodes.pop()
-        if node not in opened:
-            parts.append(Bounded(node, False, checker.node_bound(node)))
-            continue
-        opened.remove(node)
-        nodes += checker.children(node)
-        if (sequence := checker.leaf(node)) is not None:
-            bound = checker.leaf_bound(sequence, prices.pop(sequence, None))
-            parts.append(Bounded(sequence, True, bound))
-    if opened or prices:
+    (opened, prices), found = _read(certificate), list[Bounded]()
+    unused = opened | prices.keys()
+    for checker in map(Checker, in_any_order(problem)):
+        nodes = [(0.0, checker.root())]
+        while nodes:
+            least, node = nodes.pop()
+            least = max(least, checker.node_bound(node))
+            if node not in opened:
+                found.append(Bounded(node, False, least))
+                continue
+            nodes += [(least, child) for child in checker.children(node)]
+            if (sequence := checker.leaf(node)) is not None:
+                bound = checker.leaf_bound(sequence, prices.get(sequence))
+                found.append(Bounded(sequence, True, max(least, bound)))
+            unused -= {node, sequence}
+    if unused:
         allowed = "sequences of the tree, each with all that it begins with"
-        raise InputError("certificate.opened", next(iter(opened or prices)), allowed)
-    return Proof(tuple(parts), problem.replay_tolerance)
+        raise InputError("certificate.opened", next(iter(unused)), allowed)
+    return Proof(tuple(found), problem.replay_tolerance)
 
 
 def _read(certificate: dict[str, Any]) -> tuple[set[ModeSequence], dict[ModeSequence, Prices]]:

@@ -5,6 +5,7 @@ A second account of ``timing`` for ``checking.certificate``.
 
 from __future__ import annotations
 
+import functools
 import heapq
 import itertools
 import math
@@ -43,6 +44,20 @@ class Network(NamedTuple):
     refused: bool = False
 
 
+class Stop(NamedTuple):
+    """A moment after the phases of a sequence.
+
+    Attributes:
+        mode: Stiffness then; None: any.
+        melted: Segments that are soft at some time since the moment before.
+        after_s: Least time since then [s].
+    """
+
+    mode: Mode | None
+    melted: frozenset[int] = frozenset()
+    after_s: float = 0.0
+
+
 class Dwell(NamedTuple):
     """A soft period of a segment: the gaps in which it melts and freezes, and their events.
 
@@ -66,46 +81,52 @@ class Events:
         if type(problem.transition_times) not in kinds:
             raise InputError("timing", problem.timing, "one that is thermal, full or none")
         self.problem, self.weights = problem, problem.cost_weights
-        self.first, self.last = problem.start_stiffness, problem.goal.mode
+        self.first = problem.start_stiffness
         waits, segments = type(problem.transition_times) is SequentialTiming, range(len(self.first))
         self.heats: list[Heat] = [] if waits else [heat(problem, j) for j in segments]
 
     def network(
-        self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int] = ()
+        self, sequence: ModeSequence, least: Sequence[arb], stops: Sequence[Stop]
     ) -> Network:
-        """Events of every plan that begins with these phases and melts what is missing."""
+        """Events of every plan that begins with these phases, and then passes these moments."""
         if not self.heats:
-            return self._waits(sequence, least, missing)
+            return self._waits(sequence, least, stops)
         edges, holds, cost = list[Edge](), list[Edge](), arb(0)
         stiff, made, done = list(self.first), [0] * len(self.first), [ORIGIN] * len(self.first)
         before, begin, held = ORIGIN, ORIGIN, [arb(0)] * len(self.first)
-        never = len(sequence) + 1
+        over = len(sequence)  # of the phases; moments to come are phases of no length
+        never = over + len(stops)
         open_at_start = Dwell(0, -1, never, None, None, arb(0), arb(0))
         liquid = [now == 1 for now in self.first]
         dwells = [[open_at_start._replace(segment=j)] * now for j, now in enumerate(liquid)]
-        for gap, mode in enumerate((*sequence, self.last)):
+        passed = [*(Stop(mode) for mode in sequence), *stops]
+        for gap, (mode, melted, after_s) in enumerate(passed):
             begin = ("start", gap, 0, 0)
-            edges.append((before, begin, arb(0)))
+            edges.append((before, begin, arb(after_s)))
             for j, own in enumerate(self.heats):
-                to = [mode[j]] if mode[j] != stiff[j] else []
-                if gap == len(sequence) and j in missing:
-                    to = [1] if self.last[j] else [1, 0]
+                after = stiff[j] if mode is None else mode[j]
+                to = [after] if after != stiff[j] else []
+                if j in melted and not stiff[j]:
+                    to = [1] if after or mode is None else [1, 0]
                 if stiff[j] is None and not sequence:  # it may melt or freeze
                     to = []
                 for soft in to:
                     onset, end = ("onset", gap, j, made[j]), ("done", gap, j, made[j])
-                    lead, plateau = own.again, own.melt
                     cost += self.weights.transition_s
-                    if made[j] == 0:
-                        lead, plateau, total = own.first(soft)
-                        edges.append((ORIGIN, end, total))
-                    elif not soft:
-                        lead, plateau = own.coast(made[j]), own.freeze(made[j], held[j])
+                    if gap <= over:
+                        lead, plateau, energy = own.change(soft, made[j], held[j])
+                    else:  # it may have changed for nothing before
+                        might = (own.change(soft, k, arb(0)) for k in (made[j], 1, 2))
+                        lead, plateau, energy = functools.reduce(_least, might)
+                    if made[j] == 0 and gap <= over:
+                        edges.append((ORIGIN, end, own.first(soft).total))
+                    elif made[j] and not soft:
                         holds.append((done[j], onset, self.weights.energy_s_per_J * own.hold_W))
                     if soft:
-                        energy, held[j] = own.melt_J if made[j] else own.first_J, arb(0)
+                        held[j] = arb(0)
                         cost += self.weights.energy_s_per_J * energy
                         warm = own.again if made[j] else own.warm
+                        warm = warm if gap <= over else warm.min(own.again)
                         one = Dwell(j, gap, never, (onset, end), None, warm, warm + plateau)
                         dwells[j].append(one)
                     elif dwells[j]:
@@ -113,11 +134,12 @@ class Events:
                     edges += [(before, onset, arb(0)), (done[j], onset, lead)]
                     edges += [(onset, end, plateau), (end, begin, arb(0))]
                     made[j], done[j], stiff[j] = made[j] + 1, end, soft
-            if gap < len(sequence):
+            before = begin
+            if gap < over:
                 before = ("end", gap, 0, 0)
                 edges.append((begin, before, least[gap]))
                 held = [one + least[gap] for one in held]
-        refused = self.problem.heaters_at_once == 1 and self._one_heater(dwells, never - 1, edges)
+        refused = self.problem.heaters_at_once == 1 and self._one_heater(dwells, over, edges)
         return Network(edges, holds, cost, begin, refused)
 
     def _one_heater(self, dwells: list[list[Dwell]], end: int, edges: list[Edge]) -> bool:
@@ -140,7 +162,7 @@ class Events:
         return b.melt is not None and not self.heats[a.segment].longest < b.heating
 
     def _waits(
-        self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int]
+        self, sequence: ModeSequence, least: Sequence[arb], stops: Sequence[Stop]
     ) -> Network:
         """The same where everything waits through every change of mode."""
         edges, cost, before = list[Edge](), arb(0), ORIGIN
@@ -150,8 +172,11 @@ class Events:
             begin, end = ("start", i, 0, 0), ("end", i, 0, 0)
             edges += [(before, begin, wait), (begin, end, least[i])]
             cost, before, mode = cost + price, end, after
-        cost += self._cheapest_way(mode, frozenset(missing))
-        refused = self.problem.heaters_at_once == 1 and max(map(sum, (*sequence, self.last))) > 1
+        for stop in stops:
+            cost += self._cheapest_way(mode, stop)
+            mode = mode if stop.mode is None else stop.mode
+        modes = [*sequence, *(stop.mode for stop in stops if stop.mode is not None)]
+        refused = self.problem.heaters_at_once == 1 and max(map(sum, modes), default=0) > 1
         return Network(edges, [], cost, before, refused)
 
     def _switch(self, mode: tuple[float, ...], after: Mode) -> tuple[arb, arb]:
@@ -175,17 +200,18 @@ class Events:
         turns = frozen * bool(cooled > 0) + sum(after)
         return cool_s * cooled + heated, price + self.weights.transition_s * turns
 
-    def _cheapest_way(self, mode: tuple[float, ...], missing: frozenset[int]) -> arb:
-        """Least wait and price from a mode to the end, through modes that melt what is missing."""
-        queue, seen = [(0.0, mode, missing)], set[tuple[tuple[float, ...], frozenset[int]]]()
+    def _cheapest_way(self, mode: tuple[float, ...], stop: Stop) -> arb:
+        """Least wait and price from a mode to a moment, through modes that melt what they must."""
+        left = frozenset(j for j in stop.melted if mode[j] < 1)
+        queue, seen = [(0.0, mode, left)], set[tuple[tuple[float, ...], frozenset[int]]]()
         while queue:
             spent, here, left = heapq.heappop(queue)
-            if here == self.last and not left:
+            if stop.mode in (None, here) and not left:
                 return arb(spent) * (1 - arb(1e-12))  # more than the sums are rounded
             if (here, left) in seen:
                 continue
             seen.add((here, left))
-            for after in {*self.problem.modes, self.last} - {here}:
+            for after in {*self.problem.modes, *filter(None, [stop.mode])} - {here}:
                 rest = frozenset(j for j in left if not after[j])
                 wait, price = self._switch(here, after)
                 heapq.heappush(queue, (spent + low(wait + price), after, rest))
@@ -199,6 +225,10 @@ class Events:
         for u, v, price in network.holds if self.weights.energy_s_per_J else ():
             cost += price * _longest(network.edges, u, v)
         return max(0.0, low(cost))
+
+
+def _least(one: tuple[arb, arb, arb], other: tuple[arb, arb, arb]) -> tuple[arb, arb, arb]:
+    return one[0].min(other[0]), one[1].min(other[1]), one[2].min(other[2])
 
 
 def _longest(edges: Sequence[Edge], source: Event, target: Event) -> arb:

@@ -44,7 +44,7 @@ class Least(NamedTuple):
     effort: arb
 
 
-NOTHING = Least(arb(0), arb(0))
+NO_TIME = Least(arb(0), arb(0))
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class Fibre:
         ends, limits = (bend.lower(), bend.upper()), self.robot.limits
         surely = ends[0] if ends[0] > 0 else ends[1] if ends[1] < 0 else arb(0)
         if surely == 0:
-            return NOTHING
+            return NO_TIME
         if self.meets_itself(mode, here, surely):
             return None
         at_speed, rolled, turned = arb(0), arb(0), [arb(0) for _ in mode]

@@ -56,6 +56,15 @@ class Heat(NamedTuple):
     warm: arb
     longest: arb
 
+    def change(self, soft: int, made: int, held: arb) -> tuple[arb, arb, arb]:
+        """Lead, plateau and energy of a transition after others, so long since the last melt."""
+        if not made:
+            first = self.first(soft)
+            return first.lead, first.plateau, self.first_J
+        if soft:
+            return self.again, self.melt, self.melt_J
+        return self.coast(made), self.freeze(made, held), self.melt_J
+
 
 def heat(problem: Problem, j: int) -> Heat:
     """Work out the least times of segment j (from 0)."""

@@ -246,12 +246,12 @@ def _held_at_start(done: Done) -> Iterator[str]:
 
 
 def _caged(number: int, done: Done, apart: float) -> bool:
-    """True if it is proved that an object cannot leave the robot."""
+    """True if it is proved that an object cannot leave, as deep as plans may overlap it."""
     from twosra_mpc.checking.holds import cage_proved
 
     problem = done.trajectory.problem
     where = problem.objects[number], done.objects[number], done.q
-    return cage_proved(problem.robot.geometry, *where, max(-apart, 0.0))
+    return cage_proved(problem.robot.geometry, *where, max(-apart, OVERLAP_M))
 
 
 def _pushed(number: int, done: Done) -> Iterator[str]:

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.checking.certificate import Checker, Prices, check
+from twosra_mpc.checking.certificate import Checker, Leaf, Prices, check, joined
 from twosra_mpc.checking.events import ORIGIN
+from twosra_mpc.checking.legs import in_any_order
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, limited, out_of_effort
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.problem.problem import Problem
@@ -34,7 +35,7 @@ class Prover:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem, self._checker = problem, Checker(problem)
+        self._problem, self._checkers = problem, list(map(Checker, in_any_order(problem)))
         self._prices: dict[ModeSequence, Prices] = {}
 
     def certificate(self, target_s: float) -> dict[str, Any]:
@@ -50,20 +51,23 @@ class Prover:
             Plain data: ``opened``, the sequences to open; ``priced``, the leaves that need prices;
             and ``bound_s``, what that proves.
         """
-        problem, checker, opened = self._problem, self._checker, list[ModeSequence]()
-        root = checker.root()
-        queue = [(checker.node_bound(root), False, root)]
+        problem, opened, numbers = self._problem, set[ModeSequence](), itertools.count()
+        roots = [(checker, checker.root()) for checker in self._checkers]
+        queue = [(at.node_bound(root), next(numbers), False, root, at) for at, root in roots]
+        heapq.heapify(queue)
         with suppress(OutOfEffortError), limited(problem.work_limit, problem.time_limit_s):
             while len(opened) < _MOST and not out_of_effort():
-                bound, leaf, node = heapq.heappop(queue)
+                bound, _, leaf, node, at = heapq.heappop(queue)
                 if leaf or forgiven(bound, problem.replay_tolerance) >= target_s:
                     break
-                opened.append(node)
-                if (sequence := checker.leaf(node)) is not None:
-                    heapq.heappush(queue, (self._leaf_bound(sequence, target_s), True, sequence))
-                for child in checker.children(node):
+                opened.add(node)
+                if (sequence := at.leaf(node)) is not None:
+                    least = max(bound, self._leaf_bound(at, sequence, target_s))
+                    heapq.heappush(queue, (least, next(numbers), True, sequence, at))
+                for child in at.children(node):
                     charge(Cost.PROOF)
-                    heapq.heappush(queue, (max(bound, checker.node_bound(child)), False, child))
+                    least = max(bound, at.node_bound(child))
+                    heapq.heappush(queue, (least, next(numbers), False, child, at))
         made: dict[str, Any] = {"opened": [_listed(node) for node in sorted(opened)]}
         if self._prices:
             made["priced"] = [
@@ -72,15 +76,14 @@ class Prover:
             ]
         return {"bound_s": check(problem, made).bound, **made}
 
-    def _leaf_bound(self, sequence: ModeSequence, enough_s: float) -> float:
+    def _leaf_bound(self, checker: Checker, sequence: ModeSequence, enough_s: float) -> float:
         """Bound of a leaf; where that is not enough, with the best prices."""
-        bound = self._checker.leaf_bound(sequence)
-        if forgiven(bound, self._problem.replay_tolerance) >= enough_s or not any(
-            map(any, sequence)
-        ):
+        bound, leaf = checker.leaf_bound(sequence), checker.timed(sequence)
+        enough = forgiven(bound, self._problem.replay_tolerance) >= enough_s
+        if leaf is None or enough or not any(map(any, sequence)):
             return bound
-        prices = _Program(self._checker, sequence).prices()
-        if (priced := self._checker.leaf_bound(sequence, prices)) > bound:
+        prices = _Program(checker, sequence, leaf).prices()
+        if (priced := checker.leaf_bound(sequence, prices)) > bound:
             self._prices[sequence] = prices
         return max(bound, priced)
 
@@ -92,20 +95,20 @@ class _Program:
     limits of W are missed.
     """
 
-    def __init__(self, checker: Checker, sequence: ModeSequence) -> None:
-        least = checker.least(sequence) or []
-        self._network = network = checker.events.network(sequence, [one.time for one in least])
+    def __init__(self, checker: Checker, node: ModeSequence, leaf: Leaf) -> None:
+        (least, network), sequence = leaf, joined(node)
+        self._network = network
         self._events = {
             e: i for i, e in enumerate({e: 0 for edge in network.edges for e in edge[:2]})
         }
         self._efforts = [float(one.effort) for one in least]
-        self._shape = len(sequence), len(checker.change)
+        self._shape = len(sequence), len(checker.origin)
         self._first = len(self._events)
         self._width = self._first + 2 * len(sequence) + 1
         self._rows, self._limits = list[np.ndarray[Any, Any]](), list[float]()
         for u, v, apart in network.edges:
             self._at_least({self._events[v]: 1.0, self._events[u]: -1.0}, float(apart))
-        for sign, (i, sums) in itertools.product((1.0, -1.0), enumerate(checker.sums(sequence))):
+        for sign, (i, sums) in itertools.product((1.0, -1.0), enumerate(checker.sums(node))):
             for j, total in enumerate(sums):
                 bends = {self._first + k: sign * sequence[k][j] for k in range(i + 1)}
                 limit = float(total.lower()) if sign > 0 else -float(total.upper())
