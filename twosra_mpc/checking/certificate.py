@@ -24,7 +24,7 @@ from twosra_mpc.checking.fibre import NO_TIME, Fibre, Least, between, low
 from twosra_mpc.checking.legs import NOTHING, Choices, Leg, Legs, in_any_order
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import BEYOND_PER_M, forgiven
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, COST_TOLERANCE_S, forgiven
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence, StartingStiffness, rigid_mode
 
@@ -61,17 +61,19 @@ class Bounded(NamedTuple):
 class Proof:
     """Proof of a certificate: the least of ``parts`` bounds every plan of the problem [s].
 
-    Parts are bounds of plans that keep everything exactly.
+    Parts are bounds of plans that keep everything exactly; each leg has changes of mode whose
+    events may be a bit early.
     """
 
     parts: tuple[Bounded, ...]
     replay_tolerance: float = 0.0
+    legs: int = 1
 
     @property
     def bound(self) -> float:
         """Proved lower bound on the cost of every verified plan, of any number of phases [s]."""
         least = min((part.bound for part in self.parts), default=math.inf)
-        return forgiven(least, self.replay_tolerance)
+        return max(0.0, forgiven(least, self.replay_tolerance) - (self.legs - 1) * COST_TOLERANCE_S)
 
 
 class Checker:
@@ -369,7 +371,7 @@ def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
     if unused:
         allowed = "sequences of the tree, each with all that it begins with"
         raise InputError("certificate.opened", next(iter(unused)), allowed)
-    return Proof(tuple(found), problem.replay_tolerance)
+    return Proof(tuple(found), problem.replay_tolerance, len(problem.stages))
 
 
 def _read(certificate: dict[str, Any]) -> tuple[set[ModeSequence], dict[ModeSequence, Prices]]:

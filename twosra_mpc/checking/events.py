@@ -105,7 +105,7 @@ class Events:
             edges.append((before, begin, arb(after_s)))
             for j, own in enumerate(self.heats):
                 after = stiff[j] if mode is None else mode[j]
-                to = [after] if after != stiff[j] else []
+                to = [] if after is None or after == stiff[j] else [after]
                 if j in melted and not stiff[j]:
                     to = [1] if after or mode is None else [1, 0]
                 if stiff[j] is None and not sequence:  # it may melt or freeze

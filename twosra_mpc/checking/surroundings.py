@@ -199,12 +199,18 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
     spans = itertools.pairwise(ends)
     at_start = np.array([item.pose.pose for item in problem.objects])
     yield from _held_at_start(Done(trajectory, sweep, 0.0, 0.0, at_start))
+    caged = False
     for i, (task, (since_s, at_s)) in enumerate(zip(problem.tasks, spans, strict=True)):
         done = Done(trajectory, sweep, at_s, since_s, poses[i])
         named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:z.1f} s"
         if task.rests and not _at_rest(trajectory, at_s):
             yield f"{named}: the robot moves"
-        yield from (f"{named}: {text}" for text in _not_done(task.stage(problem.modes), done))
+        stage = task.stage(problem.modes)
+        yield from (f"{named}: {text}" for text in _not_done(stage, done))
+        if caged and stage.releases is not None and not _was_soft(done):
+            yield f"{named}: the robot cannot leave: nothing was soft since it caged the object"
+        if stage.grasps is not None:
+            caged = stage.grasps.hold == "caged"
     for held in carried(trajectory):
         yield from _let_go(trajectory, held)
 
@@ -364,6 +370,15 @@ def _released(task: Release, at: Done) -> Iterator[str]:
     geometry, thing = problem.robot.geometry, problem.objects[number]
     if cage_proved(geometry, thing, at.objects[number], at.q, 0.0, finest_m=_COARSE_M):
         yield f"the robot cannot leave: {task.object} is within it"
+
+
+def _was_soft(at: Done) -> bool:
+    """True if a segment is soft at some time between the ends of two tasks."""
+    return any(
+        now == 1 and since < at.at_s and until > at.since_s
+        for j in range(len(at.trajectory.problem.start_mode))
+        for since, until, now in course(at.trajectory, j)
+    )
 
 
 def _let_go(trajectory: Trajectory, held: Carried) -> Iterator[str]:
