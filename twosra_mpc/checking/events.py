@@ -120,7 +120,7 @@ class Events:
                         lead, plateau, energy = functools.reduce(_least, might)
                     if made[j] == 0 and gap <= over:
                         edges.append((ORIGIN, end, own.first(soft).total))
-                    elif made[j] and not soft:
+                    elif made[j] and not soft and (gap <= over or len(to) > 1):
                         holds.append((done[j], onset, self.weights.energy_s_per_J * own.hold_W))
                     if soft:
                         held[j] = arb(0)
