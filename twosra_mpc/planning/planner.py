@@ -191,6 +191,7 @@ def _search(
 
         solver = Placer(variants)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
+    alone = len(variants) == len(variants[0].members[0]) == 1
     aimed, narrower = tree, tuple(variant.aimed for variant in variants)
     if narrower != variants:
         aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
@@ -200,7 +201,7 @@ def _search(
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
-        look=lambda: None if tree.only else _look(aimed),
+        look=lambda: None if alone else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=_confirmed,
         worth=worth_s,
@@ -214,7 +215,7 @@ def _search(
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
-    return _conclude(variants[0].problem if tree.only else problem, result, tree, stats)
+    return _conclude(variants[0].problem if alone else problem, result, tree, stats)
 
 
 def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
@@ -346,10 +347,10 @@ def _conclude(
 
 def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
     """Proof that there is no plan at all, in words; None where that is not proved."""
-    blocks = tree.in_the_way[0][0].blocks if tree.only else lambda _: None
-    proof = blocks(None) or impossibility(tree)
+    proof = tree.everywhere(lambda _, way: way.blocks(None)) or impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
-        proof = blocks((problem.robot.rigid,)) or disproof(tree)
+        rigid = (problem.robot.rigid,)
+        proof = tree.everywhere(lambda _, way: way.blocks(rigid)) or disproof(tree)
     return proof
 
 
@@ -361,7 +362,7 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
         effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
         return f"{none} ({_STOPPED[ending]}): {_advice(ending)} ({effort})"
     tried = f"{none} ({search.solved} mode sequences tried)"
-    if tree.only is None:
+    if sum(map(len, tree.variants)) > 1:
         return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
     if search.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"

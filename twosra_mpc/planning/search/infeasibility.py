@@ -33,10 +33,14 @@ def impossibility(tree: Tree[Any]) -> str | None:
     """Say why no sequence of the allowed modes, however long, is a plan; None if not proved.
 
     Modes that the heaters cannot bring about occur in no sequence, and the invariants of
-    ``unreachable_reason`` depend on the set of modes alone. Known of a single goal.
+    ``unreachable_reason`` depend on the set of modes alone.
     """
-    stage, timing = tree.only, tree.leaves.so_far.timing
-    if stage is None or (task := stage.bend) is None:
+    timing = tree.leaves.so_far.timing
+    return tree.everywhere(lambda stage, _: _impossible(stage, timing))
+
+
+def _impossible(stage: StageBounds, timing: TransitionModel) -> str | None:
+    if (task := stage.bend) is None:
         return None
     if stage.last is not None and (refusal := timing.refusal((), stage.last)) is not None:
         end = f"goal.mode asks for {mode_name(stage.last)} at the end"
@@ -79,8 +83,8 @@ def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel)
 
 def disproof(tree: Tree[Any]) -> str:
     """Say why the only sequence that the allowed modes make is no plan."""
-    stage = tree.only
-    if stage is None or stage.bend is None:
+    stage, *others = itertools.chain(*tree.variants)
+    if others or stage.bend is None:
         return next(iter(tree.unreachable.values()), "no stage sequence is left")
     allowed = f"allowed modes are {', '.join(map(mode_name, stage.modes))}: add another mode"
     for sequence, words in tree.unreachable.items():
@@ -93,8 +97,7 @@ def too_few_phases(tree: Tree[Any]) -> str:
 
     The rigid phases that open and close a sequence count, whether anything moves in them or not.
     """
-    stage = tree.only
-    assert stage is not None, "of several stages more is known"
+    ((stage,),) = tree.variants
     at_least, example = stage.most_phases + 1, ""
     for length in range(at_least, at_least + _FURTHER):
         if len(stage.modes) ** (length - 1) > _MOST_SEQUENCES:

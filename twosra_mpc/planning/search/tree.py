@@ -228,11 +228,11 @@ class Tree(Generic[Solution]):
     excluded: frozenset[ModeSequence] = frozenset()
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
 
-    @property
-    def only(self) -> StageBounds | None:
-        """The stage, where there is but one in one variant."""
-        stages = self.variants[0]
-        return stages[0] if len(self.variants) == len(stages) == 1 else None
+    def everywhere(self, ask: Callable[[StageBounds, InTheWay], str | None]) -> str | None:
+        """Reason why a stage of each variant is impossible: that of the first; None if not all."""
+        both = zip(self.variants, self.in_the_way, strict=True)
+        found = [next(filter(None, map(ask, *each)), None) for each in both]
+        return found[0] if all(found) else None
 
     def root(self) -> Node:
         """No variant chosen, unless there is but one."""
