@@ -16,7 +16,7 @@ from conftest import Run
 from flint import arb
 from problems import exactly, overlapping_on_the_way_to, random_problem
 
-from twosra_mpc import InputError, Problem, Result, load_problem, load_robot, plan
+from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc import installation as installed
 from twosra_mpc.checking import certificate
 from twosra_mpc.checking.certificate import Bounded, Checker, Proof, check
@@ -30,7 +30,7 @@ from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import with_path_model
-from twosra_mpc.robot.modes import all_modes
+from twosra_mpc.robot.modes import ModeSequence, all_modes
 from twosra_mpc.timing import transition_model
 
 SHORTFALL = 5e-4  # of the bound that is reported
@@ -144,6 +144,34 @@ def test_sequences_longer_than_any_plan_are_covered() -> None:
     assert check(problem.with_values(max_phases=12), certificate).bound == bound
 
 
+def own_leaf(found: Plan, checker: Checker) -> ModeSequence:
+    """The sequence of a plan, as certificates write it: with the ends of its legs."""
+    node, stages = checker.root(), found.problem.stages[:-1]
+    both = zip(found.trajectory.done_s, stages, strict=False)
+    ends = [t for t, stage in both if stage.through is None and stage.releases is None]
+    for since, until in itertools.pairwise((0.0, *ends, math.inf)):
+        for phase in found.phases:
+            within = phase.start_s < until - 1e-6 and phase.end_s > since + 1e-6
+            if within and node[-1:] != (phase.mode,):
+                node = (*node, phase.mode)
+        if until < math.inf:
+            bases = node, node[:-1]  # the latter where the plan itself ends the leg rigid
+            longer = [(base, child) for base in bases for child in checker.children(base)]
+            node = next(child for base, child in longer if () in child[len(base) :])
+    return checker.leaf(node) or checker.leaf(node[:-1]) or ()
+
+
+@pytest.mark.parametrize("name", [*MORE.keys() - {"tidy-up", "both soft"}, "paper-1", "free"])
+def test_a_plan_costs_no_less_than_its_own_sequence(name: str) -> None:
+    """Nor than anything that begins it: so nothing that is asked of every plan is too much."""
+    found = proved(PROBLEMS[name])[0].require()
+    checker = Checker(found.problem)
+    leaf, cost = own_leaf(found, checker), found.cost.total * (1 + 1e-9)
+    assert 0.9 * cost <= checker.leaf_bound(leaf) <= cost
+    begun = [leaf[:k] for k in range(len(checker.root()), len(leaf) + 1)]
+    assert max(map(checker.node_bound, begun)) <= cost
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_plan_of_a_mission_costs_less_than_is_proved(seed: int) -> None:
     """Goals in a row, exact or wide, in any stiffness or one; every other time in any order."""
@@ -151,7 +179,7 @@ def test_no_plan_of_a_mission_costs_less_than_is_proved(seed: int) -> None:
     places = [{"x_m": x, "y_m": 0.1, "phi_rad": 0.5} for x in rng.uniform(-0.3, 0.3, 2)]
     shapes = [{"kappa_per_m": rng.uniform(-30, 30, 2).round(1).tolist()} for _ in range(2)]
     wide = {"tolerance": {"kappa_per_m": [10.0, 2.0]}}
-    more = [{}, wide, {"mode": "any"}, {"mode": [1, 0]}]
+    more: list[dict[str, Any]] = [{}, wide, {"mode": "any"}, {"mode": [1, 0]}]
     tasks = [
         {"do": "reach", **place, **shape, **more[rng.integers(4)]}
         for place, shape in zip(places, shapes, strict=True)

@@ -26,7 +26,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, COST_TOLERANCE_S, forgiven
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.modes import ModeSequence, StartingStiffness, rigid_mode
+from twosra_mpc.robot.modes import ModeSequence, rigid_mode
 
 _BOXES = (1, 200, 40, 14, 7)  # of each curvature that is not known, by their number
 
@@ -96,10 +96,12 @@ class Checker:
 
     def root(self) -> ModeSequence:
         """With what every sequence begins: the rigid mode, if the robot is rigid and may drive."""
-        return self._begun((), self.first)
+        return self._begun(())
 
-    def _begun(self, node: ModeSequence, stiffness: StartingStiffness | None) -> ModeSequence:
-        drives = stiffness == self.rigid and self.rigid in self.legs[node.count(())].modes
+    def _begun(self, node: ModeSequence) -> ModeSequence:
+        number = node.count(())
+        before = self.legs[number - 1].last if number else self.first
+        drives = before == self.rigid and self.rigid in self.legs[number].modes
         return (*node, self.rigid) if drives else node
 
     def children(self, node: ModeSequence) -> list[ModeSequence]:
@@ -107,7 +109,7 @@ class Checker:
         leg, final = self._leg(node)
         found = [(*node, mode) for mode in leg.modes if node[-1:] != (mode,)]
         if not final and (closed := self._closed(node)) is not None:
-            found.append(self._begun((*closed, ()), leg.last))
+            found.append(self._begun((*closed, ())))
         return found
 
     def leaf(self, node: ModeSequence) -> ModeSequence | None:
@@ -123,18 +125,12 @@ class Checker:
         return self.legs[number], number == len(self.legs) - 1
 
     def _closed(self, node: ModeSequence) -> ModeSequence | None:
-        (leg, final), head, before = self._leg(node), parts(node)[-1], self._before(node)
+        (leg, final), head = self._leg(node), parts(node)[-1]
         drives = leg.last == self.rigid and self.rigid in leg.modes
-        if leg.last is None or (final and not drives):
-            return node
-        if head == (self.rigid,) and before == self.rigid and drives:
+        opening = drives and head == (self.rigid,) and node == self._begun(node[:-1])
+        if leg.last is None or (final and not drives) or opening:
             return node
         return None if head[-1:] == (leg.last,) else (*node, leg.last)
-
-    def _before(self, node: ModeSequence) -> StartingStiffness | None:
-        """Stiffness in which the leg of a node begins, as far as that is known."""
-        number = node.count(())
-        return self.legs[number - 1].last if number else self.first
 
     def _choices(self, sequences: Sequence[ModeSequence]) -> list[Choices]:
         """What must still melt in each leg, after these phases of the first ones."""
@@ -158,12 +154,10 @@ class Checker:
         lasting = [s for k, own in enumerate(sequences) for s in self._drives(k, own, k < over)]
         for melts in itertools.product(*choices[over:]):
             stops, pending = list[Stop](), frozenset[int]()
-            for number, (leg, own) in enumerate(
-                zip(self.legs[over:], melts, strict=True), over + 1
-            ):
+            for k, (leg, own) in enumerate(zip(self.legs[over:], melts, strict=True)):
                 pending |= own
-                drive_s = leg.drive_s if number > over + 1 and leg.modes == (self.rigid,) else 0.0
-                if leg.last is not None or number == len(self.legs):
+                drive_s = leg.drive_s if k and leg.modes == (self.rigid,) else 0.0
+                if leg.last is not None or leg is self.legs[-1]:
                     stops.append(Stop(leg.last, pending, drive_s))
                     pending = frozenset()
             network = self.events.network(phases, lasting, stops)

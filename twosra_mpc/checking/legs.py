@@ -20,12 +20,12 @@ from twosra_mpc.problem.tasks import Conform, Grasp, orders
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE, OVERLAP_M, TOUCHING_M
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
 
 Choices = tuple[frozenset[int], ...]  # sets of segments, one of which is meant
 
 NOTHING: Choices = (frozenset(),)
+_SLACK_M = 2 * GOAL_TOLERANCE  # of places
 
 
 class Leg(NamedTuple):
@@ -109,8 +109,9 @@ class Legs:
                 self._opened, self._caged = self._caged and self._driven, False
             elif stage.carries is not None:
                 task, shape = stage.carries, self._shape
-                within_m = task.position_tolerance_m + _SLACK_M
-                self._put(task.object, Place(task.x_m, task.y_m, within_m))
+                there = Place(task.x_m, task.y_m, task.position_tolerance_m + _SLACK_M)
+                self._driven = self._where[task.object].apart_m(there) > 0
+                self._where[task.object], self._at = there, there.wider(self._held_m)
             elif stage.goal is not None:
                 shape = self._reach(stage.goal, stage.holds)
             elif stage.along is not None:
@@ -145,10 +146,6 @@ class Legs:
         self._melts = self._any if far_m > 0 else self._melts
         self._at, self._driven = there, False
 
-    def _put(self, name: str, there: Place) -> None:
-        self._driven = self._where[name].apart_m(there) > 0
-        self._where[name], self._at = there, there.wider(self._held_m)
-
     def _reach(self, goal: GoalSet, held: str | None) -> tuple[arb, ...]:
         """Segments whose curvatures must change melt."""
         ends = goal.box(self._problem.start.configuration)
@@ -180,20 +177,11 @@ class Legs:
         if disc is None:
             return False
         geometry = self._problem.robot.geometry
-        middle = arb(disc.radius_m) + geometry.fibre_radius_m
+        length, middle = geometry.lengths_m[j], arb(disc.radius_m) + geometry.fibre_radius_m
         least, most = middle - OVERLAP_M - _SLACK_M, middle + task.gap_m + _SLACK_M
-        chord, sagitta = _chord(geometry, j, self._shape[j])
+        half = self._shape[j] * length / 2
+        chord, sagitta = length * half.sinc(), abs(length * half / 4 * (half / 2).sinc() ** 2)
         return bool(least > (most**2 - (chord / 2) ** 2).max(arb(0)).sqrt() + sagitta)
-
-
-_SLACK_M = 2 * GOAL_TOLERANCE
-
-
-def _chord(geometry: Geometry, j: int, kappa: arb) -> tuple[arb, arb]:
-    """Chord of a segment, and the most that its middle is beside it [m]."""
-    half = kappa * geometry.lengths_m[j] / 2
-    chord = geometry.lengths_m[j] * half.sinc()
-    return chord, abs(geometry.lengths_m[j] * half / 4 * (half / 2).sinc() ** 2)
 
 
 def _size_m(thing: Object) -> float:
