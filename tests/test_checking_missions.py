@@ -166,6 +166,7 @@ def test_a_robot_that_cannot_leave_has_not_released() -> None:
     forged = done_at(trajectory, 2, trajectory.done_s[1])
     problems = told(forged)
     assert any("the robot cannot leave: cup is within it" in text for text in problems)
+    assert any("nothing was soft since it caged" in text for text in problems)
 
 
 def two_legs(**changes: Any) -> Trajectory:

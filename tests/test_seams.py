@@ -329,7 +329,7 @@ def test_the_top_level_stays_small() -> None:
 # bounds of missions anew, what tasks ask being read there for a second time.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_010, 204
 MOST_LINES = 35_721
-MOST_LINES_OF_TESTS = 31_947
+MOST_LINES_OF_TESTS = 31_948
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 291, 45  # paper-1, planned once before
 
 
