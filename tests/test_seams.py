@@ -325,8 +325,8 @@ def test_the_top_level_stays_small() -> None:
 
 
 # Size that the package has reached. A change that needs more says here what for.
-# Nine lines ask again for an interrupt that a callback of Python swallowed; 268 and a file prove the
-# bounds of missions anew, what tasks ask being read there for a second time.
+# Nine lines ask again for an interrupt that a callback of Python swallowed; 268 and a file prove
+# the bounds of missions anew, what tasks ask being read there for a second time.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_010, 204
 MOST_LINES = 35_721
 MOST_LINES_OF_TESTS = 31_948
