@@ -1,6 +1,6 @@
 """Legs: moments that every plan of a problem passes, and which segments melt between them.
 
-Section 2 of ``docs/certificate.md``. What tasks ask is read from the problem alone: nothing here
+Lemma 11 of ``docs/certificate.md``. What tasks ask is read from the problem alone: nothing here
 looks for touches or places, so a leg asks for less than a plan must do, never for more.
 """
 
@@ -93,7 +93,7 @@ class Legs:
         self._modes, self._melts = list[Mode](), NOTHING
         self._held_m = 0.0  # from b0 to what is in hand, at most
         if (held := problem.start.holding) is not None:
-            self._held_m = self._at.apart_m(self._where[held]) + GOAL_TOLERANCE
+            self._held_m = self._at.apart_m(self._where[held]) + 2 * _SLACK_M
         self._caged = self._driven = self._opened = False
 
     def legs(self) -> Iterator[Leg]:
