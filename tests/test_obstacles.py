@@ -495,7 +495,7 @@ def test_a_start_near_one_obstacle_keeps_the_clearance_from_the_others(gap_m: fl
     told = verify(replace(straight.trajectory, problem=tight)).problems
     drives = Drives(ROBOT, tight.world, np.zeros(2))
     ends = np.array([tight.start.configuration[:POSE], tight.goal.configuration[:POSE]])
-    assert drives.proof(ends[0])(ends[:-1], ends[1:]).all() == (gap_m > 0.01)
+    assert drives.proof(ends[0], ends[-1])(ends[:-1], ends[1:]).all() == (gap_m > 0.01)
     if gap_m > 0.01:
         assert told == ()
     else:

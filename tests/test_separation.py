@@ -119,8 +119,8 @@ def test_batches_agree_with_one_by_one() -> None:
     separation = Separation(shape, world, 0.002)
     one_by_one = np.concatenate([separation.distances(pose[None]) for pose in at])
     assert np.array_equal(separation.distances(at), one_by_one)
-    parts = separation.to_parts(at)
-    assert parts.shape == (600, len(separation.surroundings.obstacle_of_part))
+    parts = separation.surroundings.to_parts(placed(shape.outer, at))
+    assert parts.shape == (600, separation.surroundings.columns[-1].start)
     assert (separation.distances(at) <= parts.min(axis=1)).all()
     assert separation.distances(np.zeros((0, 3))).shape == (0,)
 
