@@ -6,13 +6,15 @@ import json
 import random
 from collections.abc import Callable, Iterator
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from missions import made, repeated
 from numpy.typing import NDArray
 from once import planned, solved
@@ -338,6 +340,10 @@ FORGED: dict[str, tuple[Callable[[Document], object], str]] = {
         "stopped_early: True",
     ),
     "a mission without tasks": (lambda d: d.update(version=3), "version: 3, without tasks"),
+    "transitions in another order": (
+        lambda d: d["transitions"].reverse(),
+        "stands after a later one",
+    ),
     "a verification with problems": (
         lambda d: d["verification"].update(problems=["none"]),
         "in the file: its numbers are others",
@@ -381,6 +387,21 @@ def test_any_path_model_is_one_of_a_robot_and_other_robots_are_taken_as_they_are
         "name is mine" in problem
         for problem in check_plan(path, load_robot("2sra-v1-paper")).problems
     )
+
+
+@given(st.integers(0, 172), st.integers(1, 5))
+@settings(max_examples=20)
+def test_rows_are_left_out_unnoticed_only_where_the_plan_stays_the_same(
+    first: int, count: int
+) -> None:
+    made = planned("paper-1")
+    given, few = made.samples, np.delete(np.arange(len(made.samples)), slice(first, first + count))
+    names = [item.name for item in fields(Samples)]
+    forged = with_samples(made, **{name: getattr(given, name)[few] for name in names})
+    if not verify(forged).problems:
+        again = forged.at(given.t_s)
+        for name in ("q", "v", "mode", "wheel_rad_s", "heater_current_A", "heater_setpoint_C"):
+            assert np.allclose(getattr(again, name), getattr(given, name), atol=1e-6), name
 
 
 # What may be changed unnoticed, and why.

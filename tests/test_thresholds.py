@@ -82,13 +82,6 @@ def limited(start: float, goal: float) -> Problem:
     return Problem(robot=LIMITED, start=here, goal=there)
 
 
-def inside(x_m: float) -> Problem:
-    """A drive from the edge of a workspace to its middle."""
-    workspace = {"x_m": (x_m, 1.0), "y_m": (-1.0, 1.0)}
-    goal = {**AT_REST, "x_m": 0.2}
-    return Problem(robot=ROBOT, start=AT_REST, goal=goal, workspace=workspace, gap=0.1)
-
-
 def through(width_m: float, clearance_m: float = 0.002) -> Problem:
     """A drive of 0.5 m straight through a doorway."""
     walls = [
@@ -112,12 +105,6 @@ def touched_m(q: Array) -> float:
     return 1.0 - float(workspace_margins(up_to(1.0), q[None])[0])
 
 
-def edge_m() -> float:
-    """Where the edge of the workspace touches the robot."""
-    far = inside(-0.2)
-    return -0.2 + float(workspace_margins(far, far.start.configuration[None])[0])
-
-
 TOUCHING, MOST = touching(), LIMITED.limits.curvature_per_m
 THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
     "wall": (0.021 + 0.015 + 0.002, lambda x: past_a_wall(x, 0.002)),
@@ -128,8 +115,6 @@ THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
     "start that touches": (TOUCHING, lambda x: driven(tuple(CURLED * x))),
     "goal at the limit": (MOST, lambda x: limited(0.0, x)),
     "start at the limit": (MOST, lambda x: limited(x, 0.0)),
-    "edge of the workspace": (edge_m(), inside),
-    "edge at the goal": (touched_m(AT_GOAL), up_to),
     "doorway as wide as the robot": (2 * (0.021 + 0.015 + 0.002), through),
     "clearance in a doorway": (0.002, lambda x: through(2 * (0.021 + 0.015 + 0.002), x)),
 }
@@ -197,33 +182,30 @@ def touching_with_its_fibre(seed: int) -> Array:
             return q
 
 
-@given(st.integers(0, 10_000), st.sampled_from(["edge", "wall"]), st.booleans())
+def beside(at_m: float, q: Array, what: str, *, leaves: bool) -> Problem:
+    """A drive to or from a configuration at an edge, or at the clearance from a wall."""
+    x, y, phi, *kappa = q.tolist()
+    here = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa}
+    there = {**here, "x_m": 0.25, "phi_rad": phi + 1.0}
+    start, goal = (here, there) if leaves else (there, {**here, "tolerance": "exact"})
+    edge = None if what == "wall" else {"x_m": (-1.0, at_m), "y_m": (-1.0, 1.0)}
+    x_m = (at_m + 0.002, at_m + 0.1) if what == "wall" else (0.2, 0.4)
+    y_m = (-0.5, 0.5) if what == "wall" else (0.4, 0.5)
+    boxes = [] if what == "edge alone" else [{"box": {"x_m": x_m, "y_m": y_m}}]
+    ends = {"robot": ROBOT, "start": start, "goal": goal, "workspace": edge}
+    return Problem(**ends, obstacles=boxes, clearance_m=0.002, gap=0.1, work_limit=2000.0)
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["edge alone", "edge", "wall"]), st.booleans())
 @settings(max_examples=6)
 def test_an_end_that_touches_with_its_fibre_is_driven_to_and_from(
     seed: int, what: str, leaves: bool
 ) -> None:
     """Chords hold more than the fibre: what an end lacks of the clearance for it is lent."""
-    q, clearance_m = touching_with_its_fibre(seed), 0.002
-    x, y, phi, *kappa = q.tolist()
-    here = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa}
-    start, goal = {**here, "x_m": 0.25, "phi_rad": phi + 1.0}, {**here, "tolerance": "exact"}
-    if leaves:
-        start, goal = here, start
-
-    def beside(at_m: float) -> Problem:
-        around = {"obstacles": [{"box": {"x_m": (-0.3, -0.1), "y_m": (0.4, 0.5)}}]}
-        if what == "edge":
-            around["workspace"] = {"x_m": (-1.0, at_m), "y_m": (-1.0, 1.0)}
-        else:
-            wall = at_m + clearance_m
-            around["obstacles"] += [{"box": {"x_m": (wall, wall + 0.1), "y_m": (-0.5, 0.5)}}]
-        given = {"robot": ROBOT, "start": start, "goal": goal, "clearance_m": clearance_m}
-        return Problem(**given, **around, gap=0.1, work_limit=2000.0)
-
-    at_m = touched_m(q)
-    verdicts, costs = zip(
-        *(outcome(lambda x=x: beside(x)) for x in (*nearly(at_m), at_m + 1e-7)), strict=True
-    )
+    q = touching_with_its_fibre(seed)
+    places = [*nearly(touched_m(q)), touched_m(q) + 1e-7]
+    found = [outcome(lambda x=x: beside(x, q, what, leaves=leaves)) for x in places]
+    verdicts, costs = zip(*found, strict=True)
     assert set(verdicts) <= {"optimal", "feasible"}, verdicts
     assert np.ptp(costs) <= SAME_S
 
