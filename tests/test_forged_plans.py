@@ -440,13 +440,8 @@ def changed(value: float, rng: random.Random) -> float:
 
 def edits(document: Document, rng: random.Random, count: int) -> Iterator[tuple[str, Document]]:
     """Documents with one number changed, half of them in the samples."""
-    known = list(numbers(document))
-    names = [".".join(str(key) for key in path) for path in known]
-    counted = [
-        path
-        for path, name in zip(known, names, strict=True)
-        if not name.startswith(tuple(HARMLESS))
-    ]
+    said = {".".join(map(str, path)): path for path in numbers(document)}
+    counted = [path for name, path in said.items() if not name.startswith(tuple(HARMLESS))]
     while count:
         edited = deepcopy(document)
         if count % 2:
@@ -460,9 +455,8 @@ def edits(document: Document, rng: random.Random, count: int) -> Iterator[tuple[
             name = rng.choice(list(document["samples"]))
             rows = edited["samples"][name]
             row = rng.randrange(len(rows))
-            place, last = (
-                (rows, row) if name == "t_s" else (rows[row], rng.randrange(len(rows[row])))
-            )
+            place = rows if name == "t_s" else rows[row]
+            last = row if name == "t_s" else rng.randrange(len(place))
             before = place[last]
             place[last] = 1 - before if name == "mode" else changed(before, rng)
             if abs(place[last] - before) < LEAST.get(name, 1e-4):

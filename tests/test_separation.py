@@ -7,7 +7,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import corridor, random_world
+from worlds import random_world
 
 from twosra_mpc import load_robot
 from twosra_mpc.problem.tolerances import ROUNDING_M
@@ -168,15 +168,6 @@ def test_corners_on_a_side_are_left_out() -> None:
     square = np.array([(0, 0), (1, 0), (2, 0), (2, 2), (1, 2), (0, 2)], dtype=float)
     (part,) = convex_parts(square)
     assert sorted(map(tuple, part.tolist())) == [(0, 0), (0, 2), (2, 0), (2, 2)]
-
-
-def test_a_corridor_is_as_wide_as_it_is() -> None:
-    """In the middle of a corridor the straight robot keeps half of what it leaves."""
-    shape = footprint(ROBOTS[0].geometry, [0.0, 0.0])
-    low, high = shape.outer[..., 1].min(), shape.outer[..., 1].max()
-    for width in (0.08, 0.1):
-        found = Separation(shape, corridor(width), 0.0).distances(np.zeros((1, 3)))[0]
-        assert found == pytest.approx(width / 2 - max(high, -low))
 
 
 @pytest.mark.parametrize("seed", range(3))

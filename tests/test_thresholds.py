@@ -54,10 +54,10 @@ def touching() -> float:
     return sum(edges) / 2
 
 
-def past_a_wall(y_m: float, clearance_m: float, tolerance: object = None) -> Problem:
+def past_a_wall(y_m: float, clearance_m: float) -> Problem:
     """A drive of 0.3 m along a wall."""
     wall = {"polygon_m": [[0.1, y_m], [0.6, y_m], [0.6, 0.2], [0.1, 0.2]]}
-    goal = {**AT_REST, "x_m": 0.3} | ({} if tolerance is None else {"tolerance": tolerance})
+    goal = {**AT_REST, "x_m": 0.3}
     given = {"obstacles": [wall], "clearance_m": clearance_m}
     return Problem(robot=ROBOT, start=AT_REST, goal=goal, **given)
 
@@ -108,7 +108,6 @@ def touched_m(q: Array) -> float:
 TOUCHING, MOST = touching(), LIMITED.limits.curvature_per_m
 THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
     "wall": (0.021 + 0.015 + 0.002, lambda x: past_a_wall(x, 0.002)),
-    "wall beside an exact goal": (0.021 + 0.015 + 0.002, lambda x: past_a_wall(x, 0.002, "exact")),
     "clearance": (0.002, lambda x: past_a_wall(0.038, x)),
     "goal that touches": (TOUCHING, lambda x: bent(tuple(CURLED * x))),
     "goal whose corner touches": (0.5, lambda x: bent(tuple(CURLED * TOUCHING - 0.5), x)),
@@ -188,12 +187,13 @@ def beside(at_m: float, q: Array, what: str, *, leaves: bool) -> Problem:
     here = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa}
     there = {**here, "x_m": 0.25, "phi_rad": phi + 1.0}
     start, goal = (here, there) if leaves else (there, {**here, "tolerance": "exact"})
-    edge = None if what == "wall" else {"x_m": (-1.0, at_m), "y_m": (-1.0, 1.0)}
-    x_m = (at_m + 0.002, at_m + 0.1) if what == "wall" else (0.2, 0.4)
-    y_m = (-0.5, 0.5) if what == "wall" else (0.4, 0.5)
-    boxes = [] if what == "edge alone" else [{"box": {"x_m": x_m, "y_m": y_m}}]
-    ends = {"robot": ROBOT, "start": start, "goal": goal, "workspace": edge}
-    return Problem(**ends, obstacles=boxes, clearance_m=0.002, gap=0.1, work_limit=2000.0)
+    wall = {"box": {"x_m": (at_m + 0.002, at_m + 0.1), "y_m": (-0.5, 0.5)}}
+    post = {"box": {"x_m": (0.2, 0.4), "y_m": (0.4, 0.5)}}
+    given = {"robot": ROBOT, "start": start, "goal": goal, "gap": 0.1, "work_limit": 2000.0}
+    if what == "wall":
+        return Problem(**given, obstacles=[wall], clearance_m=0.002)
+    edges = {"x_m": (-1.0, at_m), "y_m": (-1.0, 1.0)}
+    return Problem(**given, workspace=edges, obstacles=[post] if what == "edge" else [])
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["edge alone", "edge", "wall"]), st.booleans())

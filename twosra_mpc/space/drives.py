@@ -45,7 +45,6 @@ _DETOUR = 1.5  # times the straight leg: as long a drive by few poses is taken w
 _ELSEWHERE = 1.25  # times the fastest road: as long is one that goes round elsewhere, at most
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _FINE_M = 1e-5  # sagitta of what is drawn finely, where an end touches what is around it
-_SAME = 1e-9  # m or rad
 _NOTHING = np.zeros((0, 4, 2))
 
 
@@ -104,9 +103,8 @@ class Drives:
         obstacle and each edge, as `lent_m` says.
         """
         start, end = np.atleast_2d(start), np.atleast_2d(end)
-        twist, clear = twists(start, end), self.clear
-        if lent_m is not None:
-            clear = partial(self._finely.distances, lent_m=lent_m)
+        clear = self.clear if lent_m is None else partial(self._finely.distances, lent_m=lent_m)
+        twist = twists(start, end)
         found = clear_legs(clear, start, twist, self.footprint.radius_m, self.kept_m)
         return found if self._may is None else found & self._may(twist)
 
@@ -294,5 +292,5 @@ class Drives:
 
 
 def _same(poses: Array, pose: Array) -> Bools:
-    """Which of poses (m, 3) are this one (3,), over full turns, (m,)."""
-    return np.asarray(np.abs(twists(poses, pose)).max(axis=1) < _SAME)
+    """Which of poses (m, 3) are this one (3,) to 1e-9 m and rad, over full turns, (m,)."""
+    return np.asarray(np.abs(twists(poses, pose)).max(axis=1) < 1e-9)
