@@ -175,9 +175,8 @@ def touching_with_its_fibre(seed: int) -> Array:
         q = np.array([0.5, 0.0, rng.uniform(-np.pi, np.pi), *rng.uniform(-62.0, 62.0, 2)])
         rigid = robot_shape(ROBOT.geometry, q, 2)
         allowed = broken_by_shapes(ROBOT, q[POSE:]) is None and may_drive_in(ROBOT, q[POSE:]).all()
-        solid = np.concatenate([rigid.units, rigid.wheels])[..., 0].max()
-        links = rigid.links[..., 0].max() + ROBOT.geometry.fibre_radius_m
-        if allowed and touched_m(q) > max(solid, links) + 1e-4:
+        parts = [rigid.units, rigid.wheels, rigid.links + ROBOT.geometry.fibre_radius_m]
+        if allowed and touched_m(q) > max(part[..., 0].max() for part in parts) + 1e-4:
             return q
 
 
