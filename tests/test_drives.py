@@ -131,7 +131,7 @@ def test_drives_are_clear_in_a_drawn_robots_eyes(seed: int, kappa: tuple[float, 
         drive, verdict = drives.best(start, goal), decide(drives, start, goal)[0]
         assert (drive is not None) == (verdict == "certified")
         if drive is not None:
-            assert drives.proof(drive[0])(drive[:-1], drive[1:]).all()
+            assert drives.proof(drive[0], drive[-1])(drive[:-1], drive[1:]).all()
             assert true_margins(world, kappa, along(drive)).min() > -1e-5
             assert (drive[0] == start).all()
             assert np.allclose(np.exp(1j * drive[-1]), np.exp(1j * goal))
@@ -146,7 +146,7 @@ def test_a_corridor_of_90_mm_is_driven_through_and_one_of_50_mm_proved_blocked()
     drives = Drives(ARC_ROBOT, world, STRAIGHT)
     drive = drives.best(start, goal)
     assert drive is not None
-    assert drives.proof(drive[0])(drive[:-1], drive[1:]).all()
+    assert drives.proof(drive[0], drive[-1])(drive[:-1], drive[1:]).all()
     assert true_margins(world, STRAIGHT, along(drive)).min() > -1e-5
     assert drives.time_s(drive) < 2 * drives.time_s(np.array([start, goal]))
     narrow = Drives(ARC_ROBOT, corridor(0.05), STRAIGHT)

@@ -43,6 +43,9 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
     for earlier, after in itertools.pairwise(trajectory.phases):
         if after.start_s < earlier.end_s - TIME_TOLERANCE_S:
             yield f"the phase at {after.start_s:z.3f} s starts before the one before it has ended"
+    for first, then in itertools.pairwise(transitions):
+        if then.heater_s < first.heater_s - TIME_TOLERANCE_S:
+            yield f"the transition at {then.heater_s:z.3f} s stands after a later one"
     timing, known = transition_model(problem), trajectory.samples.t_s[:, None]
     for j, stiffness in enumerate(problem.start_stiffness):
         before: Transition | None = None

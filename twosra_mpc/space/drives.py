@@ -7,7 +7,7 @@ robot is at rest at each of them. A straight leg, or few poses in between, need 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,7 @@ _SPACING_M = 0.04  # of the roadmap's grid: about a unit's side
 _DETOUR = 1.5  # times the straight leg: as long a drive by few poses is taken without further ado
 _ELSEWHERE = 1.25  # times the fastest road: as long is one that goes round elsewhere, at most
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
+_FINE_M = 1e-5  # sagitta of what is drawn finely, where an end touches what is around it
 _NOTHING = np.zeros((0, 4, 2))
 
 
@@ -95,34 +96,47 @@ class Drives:
         """Time of a drive through poses (m, 3) [s]."""
         return float(self.leg_times_s(poses[:-1], poses[1:]).sum())
 
-    def clear_legs(self, start: Array, end: Array, lent_m: Array | float = 0.0) -> Bools:
+    def clear_legs(self, start: Array, end: Array, lent_m: Array | None = None) -> Bools:
         """True for legs between poses (m, 3) that are proved to keep the clearance, (m,).
 
-        They may keep less from each part of an obstacle, by what is lent to it, (parts,) [m].
+        With what is lent they are drawn finely, and may keep so much less from each part of an
+        obstacle and each edge, as `lent_m` says.
         """
         start, end = np.atleast_2d(start), np.atleast_2d(end)
-        twist, clear = twists(start, end), partial(self.clear, lent_m=lent_m)
+        clear = self.clear if lent_m is None else partial(self._finely.distances, lent_m=lent_m)
+        twist = twists(start, end)
         found = clear_legs(clear, start, twist, self.footprint.radius_m, self.kept_m)
         return found if self._may is None else found & self._may(twist)
 
-    def lent_m(self, start: Array) -> Array:
-        """By what the first leg from a pose (3,) may be nearer to each part, (parts,) [m].
+    def lent_m(self, end: Array, least_m: float = 0.0) -> Array | None:
+        """By what a leg that has an end there (3,) may be nearer to each thing; None: not at all.
 
-        It keeps the clearance, or from each obstacle that is nearer to the pose what that does.
+        It keeps the clearance, or from each thing that is nearer to that pose what the pose does:
+        at least so much, as far as that can be drawn.
         """
-        own_m = self.separation.to_obstacles(start)
-        return self.kept_m - np.clip(own_m, 0.0, self.kept_m)
+        if (self.separation.to_things(end) >= self.kept_m).all():
+            return None
+        own_m = self._finely.to_things(end)
+        return self.kept_m - np.clip(own_m, least_m - 2 * _FINE_M, self.kept_m)
 
-    def proof(self, first: Array) -> Proof:
-        """Proof of clear legs; those that start at a pose (3,) keep no more than it."""
-        lent = self.lent_m(first)
+    @cached_property
+    def _finely(self) -> Separation:
+        """Distances of the robot drawn to rounding, for ends that touch what is around them."""
+        fine = footprint(self.geometry, self.kappa, _FINE_M).holding(self._held)
+        return Separation(fine, self.world, self.kept_m)
+
+    def proof(self, first: Array, last: Array) -> Proof:
+        """Proof of clear legs; those at either end (3,) of a drive keep no more than it does."""
+        lent: list[Array | None] = [None, self.lent_m(first), self.lent_m(last, self.kept_m)]
+        lends = np.array([lent[1] is not None, 2 * (lent[2] is not None)], dtype=int)
+        both = [less_m for less_m in lent if less_m is not None]
+        lent.append(np.max(both, axis=0) if both else None)
 
         def proof(start: Array, end: Array) -> Bools:
-            leaving = (start == first).all(axis=1) & lent.any()
             found = np.zeros(len(start), dtype=bool)
-            for some, less_m in ((leaving, lent), (~leaving, 0.0)):
-                if some.any():
-                    found[some] = self.clear_legs(start[some], end[some], less_m)
+            at = lends @ [_same(start, first), _same(end, last)]
+            for k in dict.fromkeys(at.tolist()):
+                found[at == k] = self.clear_legs(start[at == k], end[at == k], lent[k])
             for slices in self._certified.values() if self._may is None else ():
                 for i in np.flatnonzero(~found):
                     charge(Cost.MEETING)
@@ -197,7 +211,7 @@ class Drives:
         Headings go on over full turns: that of the last pose may differ from the goal's by some.
         """
         goal = continued(np.array([start, goal]))[-1]
-        straight, proof = np.array([start, goal]), self.proof(start)
+        straight, proof = np.array([start, goal]), self.proof(start, goal)
         guess = self._by_few(by_one_pose, start, goal, proof)
         if proof(straight[:1], straight[1:]).all():
             return self._quicker(straight, guess)
@@ -242,7 +256,7 @@ class Drives:
         ways = [
             continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
         ]
-        times, proof = self.leg_times_s, self.proof(start)
+        times, proof = self.leg_times_s, self.proof(start, goal)
         poses = min((shortest(way, times, proof) for way in ways), key=self.time_s)
         return shortest(improved(poses, times, proof), times, proof)
 
@@ -250,12 +264,12 @@ class Drives:
         """Poses in one component of F- that straight legs join to start and goal."""
         slices = self.certified_slices(headings)
         for first in self._entries(headings, start, self.lent_m(start)):
-            for last in self._entries(headings, goal, 0.0):
+            for last in self._entries(headings, goal, self.lent_m(goal, self.kept_m)):
                 if slices.component(first) == slices.component(last) is not None:
                     return first, last
         return None
 
-    def _entries(self, headings: int, pose: Array, lent_m: Array | float) -> list[Array]:
+    def _entries(self, headings: int, pose: Array, lent_m: Array | None) -> list[Array]:
         """The pose itself if a slice holds it, else nodes that straight legs join to it."""
         slices = self.certified_slices(headings)
         if not len(slices.parts) or slices.component(pose) is not None:
@@ -275,3 +289,8 @@ class Drives:
 
     def _free(self, poses: Array) -> Bools:
         return np.asarray(self.clear(poses) >= self.kept_m)
+
+
+def _same(poses: Array, pose: Array) -> Bools:
+    """Which of poses (m, 3) are this one (3,) to 1e-9 m and rad, over full turns, (m,)."""
+    return np.asarray(np.abs(twists(poses, pose)).max(axis=1) < 1e-9)

@@ -43,41 +43,35 @@ class Surroundings:
 
     def __init__(self, world: World, kept_m: float) -> None:
         self.kept_m = kept_m
-        parts = [
-            (i, _Part(part))
-            for i, obstacle in enumerate(world.obstacles)
-            for part in convex_parts(obstacle.corners_m)
-        ]
-        self.obstacle_of_part = np.array([i for i, _ in parts], dtype=int)
-        self._parts = [part for _, part in parts]
-        firsts = np.searchsorted(
-            self.obstacle_of_part, np.arange(len(world.obstacles) + 1)
-        ).tolist()
+        each = [convex_parts(obstacle.corners_m) for obstacle in world.obstacles]
+        firsts = np.cumsum([0, *map(len, each)]).tolist()
+        charge(Cost.PART, firsts[-1])
+        self._parts = [(part, *_normals(part)) for part in itertools.chain(*each)]
+        self.columns = [slice(*ends) for ends in itertools.pairwise([*firsts, None])]
         corners = (item.corners_m[..., None] for item in world.obstacles)
-        self._boxes = [
-            (each.min(axis=0), each.max(axis=0), slice(*ends))
-            for each, ends in zip(corners, itertools.pairwise(firsts), strict=True)
-        ]
+        self._boxes = [(own.min(axis=0), own.max(axis=0)) for own in corners]
         self._workspace = None if world.workspace is None else world.workspace.corners_m
 
     def distances(self, corners: Array, lent_m: Array | float = 0.0) -> Array:
         """Least distance of sets of pieces (m, p, k, 2) to obstacles and edges, (m,) [m].
 
         At most `FAR_M`. At least ``kept_m`` is allowed: the edge of the workspace may be touched,
-        to rounding, and counts as farther away; so does each part by what is lent to it, (parts,).
+        to rounding, and counts as farther away; so does each part and edge by what is lent to it.
         """
         batches = (corners[i : i + _BATCH] for i in range(0, len(corners), _BATCH))
-        return np.concatenate([np.zeros(0), *(self._least(each, lent_m) for each in batches)])
+        least = ((self.to_each(one) + lent_m).min(axis=1, initial=FAR_M) for one in batches)
+        return np.concatenate([np.zeros(0), *least])
 
     def to_parts(self, corners: Array) -> Array:
         """Distance of sets of pieces (m, p, k, 2) to each convex part of obstacles, (m, parts)."""
         # Minima and maxima over leading axes, which are short, are three times as fast.
-        points = _flat(np.ascontiguousarray(corners.transpose(2, 3, 0, 1)))
+        points = np.ascontiguousarray(corners.transpose(2, 3, 0, 1))
+        points = points.reshape(*points.shape[:2], -1)
         middle = points.mean(axis=0)
         radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max(axis=0))
         found, near_m = np.empty((len(corners), len(self._parts))), self.kept_m + _NEAR_M
         charge(Cost.DISTANCE, len(corners) * len(self._boxes))
-        for low, high, of in self._boxes:
+        for (low, high), of in zip(self._boxes, self.columns, strict=False):
             off = np.maximum(np.maximum(low - middle, middle - high), 0.0)
             apart = np.hypot(off[0], off[1]) - radius
             near = np.flatnonzero(apart < near_m)
@@ -91,21 +85,22 @@ class Surroundings:
             own, row = points[..., near], near // corners.shape[1]
             normals, reach = _normals(own)
             for k in range(of.start, of.stop):
-                part = self._parts[k]
-                by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
-                by_piece = ((part.corners @ normals).min(axis=1) - reach).max(axis=0)
+                part, outward, ends = self._parts[k]
+                by_part = ((outward @ own).min(axis=0) - ends[:, None]).max(axis=0)
+                by_piece = ((part @ normals).min(axis=1) - reach).max(axis=0)
                 exact = np.maximum(by_part, by_piece)
                 np.minimum.at(found[:, k], row, np.clip(exact, least, most))
         return np.minimum(found, FAR_M)
 
-    def _least(self, corners: Array, lent_m: Array | float) -> Array:
-        least: Array = (self.to_parts(corners) + lent_m).min(axis=1, initial=FAR_M)
-        if self._workspace is not None:
-            low, high = self._workspace
-            ends = np.ascontiguousarray(corners.reshape(len(corners), -1, 2).transpose(1, 2, 0))
-            inside = np.minimum(ends.min(axis=0) - low[:, None], high[:, None] - ends.max(axis=0))
-            least = np.minimum(least, inside.min(axis=0) + self.kept_m + ROUNDING_M)
-        return least
+    def to_each(self, corners: Array) -> Array:
+        """The same, then to each edge, as `distances` counts them, (m, parts and edges)."""
+        parts = self.to_parts(corners)
+        if self._workspace is None:
+            return parts
+        low, high = self._workspace
+        ends = np.ascontiguousarray(corners.reshape(len(corners), -1, 2).transpose(1, 2, 0))
+        inside = np.vstack([ends.min(axis=0) - low[:, None], high[:, None] - ends.max(axis=0)])
+        return np.column_stack([parts, inside.T + self.kept_m + ROUNDING_M])
 
 
 class Separation:
@@ -130,35 +125,22 @@ class Separation:
         found = (self.surroundings.distances(each, lent_m) for each in batches)
         return np.concatenate([np.zeros(0), *found])
 
-    def to_obstacles(self, pose: Array) -> Array:
-        """Distance of a pose (3,) to the obstacle that each part is of, (parts,) [m]."""
-        of_part, apart = self.surroundings.obstacle_of_part, self.to_parts(pose[None])[0]
-        nearest = np.full(of_part.max(initial=-1) + 1, FAR_M)
-        np.minimum.at(nearest, of_part, apart)
-        return nearest[of_part]
+    def to_things(self, pose: Array) -> Array:
+        """As `to_each` of a pose (3,), but to the nearest of an obstacle's parts, or edge [m]."""
+        apart: Array = self.surroundings.to_each(placed(self._pieces, pose[None]))[0]
+        for of in self.surroundings.columns:
+            apart[of] = apart[of].min(initial=FAR_M)
+        return apart
 
     def kept_from_m(self, poses: Array, off_m: float = 0.0) -> float:
         """Clearance of drives that start at one of these poses (m, 3), or ``off_m`` from it."""
-        own_m = self.to_parts(poses) - off_m
+        own_m = self.surroundings.to_parts(placed(self._pieces, poses)) - off_m
         return float(kept_from_m(own_m, self.kept_m).min(initial=self.kept_m))
-
-    def to_parts(self, poses: Array) -> Array:
-        """Distance at each pose (m, 3) to each convex part of an obstacle, (m, parts) [m]."""
-        return self.surroundings.to_parts(placed(self._pieces, poses))
 
 
 def placed(pieces: Array, poses: Array) -> Array:
     """Corners of pieces (p, k, 2), or (m, p, k, 2), at poses (m, 3), (m, p, k, 2)."""
     return pieces @ rotation(poses[:, 2])[:, None] + poses[:, None, None, :2]
-
-
-class _Part:
-    """A convex part of an obstacle: corners, outward normals, and how far it reaches on them."""
-
-    def __init__(self, corners: Array) -> None:
-        charge(Cost.PART)
-        self.corners = corners
-        self.normals, self.reach = _normals(corners)
 
 
 def _normals(corners: Array) -> tuple[Array, Array]:
@@ -168,11 +150,6 @@ def _normals(corners: Array) -> tuple[Array, Array]:
     normals /= np.sqrt((normals**2).sum(axis=1, keepdims=True))
     reach: Array = (normals * corners).sum(axis=1)
     return normals, reach
-
-
-def _flat(rows: Array) -> Array:
-    """Make one axis of poses and pieces, the last two."""
-    return rows.reshape(*rows.shape[:-2], -1)
 
 
 EDGE = "the edge of the workspace"
@@ -199,8 +176,7 @@ class Proximity:
         """
         self.names, self._geometry = (*world.names, EDGE), geometry
         self._carried = [piece[None] for piece in carried]
-        self._obstacles = Surroundings(world.with_values(workspace=None), 0.0)
-        self._edges = Surroundings(World(workspace=world.workspace), -ROUNDING_M)
+        self._around = Surroundings(world, -ROUNDING_M)
 
     def distances(self, q: Array) -> Array:
         """Distance of each configuration (m, 3 + n) to each obstacle and the edges, (m, k + 1) [m].
@@ -224,9 +200,8 @@ class Proximity:
         return found
 
     def _of(self, corners: Array) -> Array:
-        parts, owner = self._obstacles.to_parts(corners), self._obstacles.obstacle_of_part
-        owned = [parts[:, owner == i].min(axis=1) for i in range(len(self.names) - 1)]
-        return np.column_stack([*owned, self._edges.distances(corners)])
+        apart, things = self._around.to_each(corners), self._around.columns
+        return np.column_stack([apart[:, of].min(axis=1, initial=FAR_M) for of in things])
 
 
 def arms_m(geometry: Geometry) -> Array:

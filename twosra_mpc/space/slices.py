@@ -23,6 +23,7 @@ it all is free too, so that what is connected in the plane is so in the box.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -53,7 +54,7 @@ Indices = NDArray[np.int64]
 _ROUNDING_M = 1e-6  # of GEOS, and to spare
 _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
-_SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
+_SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is, or less
 _GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid; as near is the same
 AT_EDGE_M = 1e-6  # of a box
 _AROUND_M = 0.1  # beyond what obstacles can block
@@ -255,13 +256,14 @@ def _slices(
     free[some] = shapely.box(*low[some].T, *high[some].T)
     if pieces and obstacles:
         high, centres = np.where(some[:, None], high, -np.inf), _centres(headings)
-        several = max(1, _SUMS // (len(pieces) * len(obstacles)))
-        moving, still = stacked(pieces), stacked(obstacles)
-        for first in range(0, headings, several):
-            k = slice(first, first + several)
+        moving, still, few = stacked(pieces), stacked(obstacles), max(1, _SUMS // len(pieces))
+        several = max(1, few // len(obstacles))
+        chunks = itertools.product(range(0, headings, several), range(0, len(obstacles), few))
+        for first, some in chunks:
+            k, them = slice(first, first + several), still[some : some + few]
             charge(Cost.SLICE, len(centres[k]))
-            charge(Cost.SUM, len(centres[k]) * len(pieces) * len(obstacles))
-            free[k] = _left_of(free[k], _blocked(moving, still, centres[k], low[k], high[k]))
+            charge(Cost.SUM, len(centres[k]) * len(pieces) * len(them))
+            free[k] = _left_of(free[k], _blocked(moving, them, centres[k], low[k], high[k]))
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
     beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
