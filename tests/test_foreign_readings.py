@@ -14,8 +14,8 @@ from once import planned
 from benchmarks.foreign import TICK_S, ForeignRobot
 from benchmarks.problems import labelled
 from twosra_mpc import plan
-from twosra_mpc.execution import Executor, Reading, RobotError, greedy_rule
-from twosra_mpc.execution.executor import ExecutorSettings, plan_controller
+from twosra_mpc.execution import Executor, ExecutorSettings, Reading, RobotError, greedy_rule
+from twosra_mpc.execution.executor import plan_controller
 from twosra_mpc.execution.following import Following
 from twosra_mpc.execution.run import Ending, Run
 
@@ -62,6 +62,47 @@ def test_a_clock_that_does_not_go_on_stops_the_robot(
         driven(robot, made, executor)
     assert robot.off
     assert robot.time_s < FROM_S + 5.0
+
+
+WRONG: list[dict[str, Any]] = [
+    *({"time_s": time_s} for time_s in (0.0, np.nan, np.inf, 1e9)),
+    *({"faulty": (True, True)}, {"stiffness": ("rigid", "soft")}, {"stiffness": (None, None)}),
+    {"temperature_C": (500.0, -40.0), "current_A": (1e9, np.nan)},
+]
+
+
+class NowAndThen(ForeignRobot):
+    """A robot of which every 31st reading is wrong, each time in another way."""
+
+    count = 0
+
+    def read(self) -> Reading:
+        self.count += 1
+        which, spoils = divmod(self.count, 31)
+        reading = super().read()
+        return reading if spoils else replace(reading, **WRONG[which % len(WRONG)])
+
+
+@pytest.mark.parametrize("executor", ["optimal", "greedy"])
+def test_single_readings_that_are_wrong_end_nothing(executor: str) -> None:
+    made = planned("paper-1", robot=ARC)
+    robot = NowAndThen(made.problem)
+    run = driven(robot, made, executor)
+    assert run.ending is Ending.REACHED, run.reason
+    assert robot.count > 31 * len(WRONG)
+    assert sum("clock" in event.text for event in run.events) >= 4
+
+
+def test_a_clock_that_goes_on_from_later_is_believed() -> None:
+    """As after a program that was held up."""
+    made = planned("rigid-move", robot=ARC)
+
+    def later(reading: Reading) -> Reading:
+        return replace(reading, time_s=reading.time_s + 9.0, taken_s=reading.taken_s + 9.0)
+
+    run = driven(Spoilt(made.problem, later), made, "optimal")
+    assert run.ending is Ending.REACHED
+    assert run.duration_s > FROM_S + 9.0
 
 
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])

@@ -33,6 +33,8 @@ _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
+_LEAP_S = 0.5  # later than it was due a reading is believed only when the next is later still
+_FAULTS = 3  # readings in a row with its flag make a fault: single ones are noise
 
 
 class Metal(NamedTuple):
@@ -107,7 +109,8 @@ class Belief:
         self._filter = CameraFilter(camera, problem.start.configuration, 0.0)
         self._newest_s = self._seen_s = -np.inf
         self._compared: tuple[Mode | None, Array] = None, self.q
-        self._stood, self._silent, self._heard_s = 0, False, np.nan
+        self._stood, self._leapt_s, self._heard_s = 0, np.nan, np.nan
+        self._faults = np.zeros(len(segments), dtype=int)
         self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
 
     # What is believed.
@@ -254,11 +257,11 @@ class Belief:
             DoubtError: If the robot does not move as it is commanded.
         """
         self._check(reading)
-        begun_s, self.reading, self.doubtful = self.now_s, usable(reading, self._newest_s), False
+        begun_s, self.doubtful = self.now_s, False
+        self.reading = self._repeated(usable(self._timed(reading), self._newest_s))
         if np.isnan(begun_s):
             self._begin()
             return
-        self._check_clock(self.now_s - begun_s)
         mode, before = self.command.mode, self.q.copy()
         turned = self.command.wheel_rad_s * (self.now_s - begun_s)
         after = before if mode is None else self._rolled(mode, before, turned)
@@ -291,13 +294,32 @@ class Belief:
         self._told, self._last_known = self.reading.stiffness, list(self.reading.stiffness)
         self._look()
 
-    def _check_clock(self, passed_s: float) -> None:
-        """Without a clock nothing would ever be late, or lost."""
-        self._stood = 0 if passed_s else self._stood + 1
-        if passed_s < 0.0:
-            raise RobotError(f"the robot's clock goes back, by {-passed_s:zg} s")
+    def _timed(self, reading: Reading) -> Reading:
+        """The reading, at the time of the last one where its own is wrong; not for long.
+
+        Without a clock nothing would ever be late, or lost.
+        """
+        begun_s, time_s, at_most_s = self.now_s, reading.time_s, self.command.at_most_s
+        if np.isnan(begun_s):
+            return reading
+        leaps = time_s > begun_s + at_most_s + _LEAP_S
+        goes_on = time_s > begun_s and (not leaps or time_s > self._leapt_s)
+        self._leapt_s = time_s if leaps else np.nan
+        self._stood = 0 if goes_on else self._stood + 1
+        if goes_on or time_s == begun_s:
+            words = f"stands still, at {time_s:zg} s"
+        else:
+            back = f"goes back, by {begun_s - time_s:zg} s"
+            words = back if time_s < begun_s else f"leaps to {time_s:zg} s"
+            self.tell("failure", f"the robot's clock {words}: no time is believed to have passed")
         if self._stood >= _STOOD:
-            raise RobotError(f"the robot's clock stands still, at {self.now_s:zg} s")
+            raise RobotError(f"the robot's clock {words}")
+        return reading if goes_on else replace(reading, time_s=begun_s)
+
+    def _repeated(self, reading: Reading) -> Reading:
+        """The reading with those faults that were reported before, too."""
+        self._faults = np.where(reading.faulty, self._faults + 1, 0)
+        return replace(reading, faulty=tuple((self._faults >= _FAULTS).tolist()))
 
     def _look(self) -> None:
         """Take in the frames of the last reading; from now on it has those that are believed."""
@@ -323,9 +345,9 @@ class Belief:
             raise RobotError(f"the robot has been silent for {silent_s:z.0f} s")
 
     @property
-    def silent(self) -> bool:
-        """True if the last reading held nothing."""
-        return self._heard_s < self.now_s
+    def uncertain(self) -> bool:
+        """True if wheels must stand: nobody knows how late it is, or a resting robot is silent."""
+        return self._stood > 0 or (self._heard_s < self.now_s and self.stands)
 
     def _watch(self) -> None:
         """Look at what the segments report; nobody believes in "soft" without enough heat."""

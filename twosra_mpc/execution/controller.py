@@ -145,7 +145,7 @@ class Controller:
                 activity = _Suspicion(belief, belief.doubt, activity).look()
         except (SegmentError, DoubtError) as trouble:
             activity = self._troubled(trouble)
-        if belief.silent and belief.stands:  # standing costs nothing
+        if belief.uncertain:  # standing costs nothing
             return belief.give(rest(belief, belief.setpoint_C, belief.camera.period_s))
         return self._carry_out(activity)
 
