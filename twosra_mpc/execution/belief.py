@@ -425,10 +425,15 @@ class Belief:
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
         return replace(command, heater_setpoint_C=allowed_C)
 
+    def begin_drive(self) -> None:
+        """The robot is where a drive begins; one that was interrupted goes on with the old one."""
+        if self.guard is not None:
+            self.guard.begin(self.q)
+
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
         """Refuse to drive nearer to something than the guard allows, or into itself."""
         guard = self.guard
-        if guard is not None and (guard.fresh or not self._goes_on(mode, self.now_s)):
+        if guard is not None and guard.fresh:
             guard.begin(self.q)
         if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -21,10 +22,14 @@ from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
+from twosra_mpc.problem.limits import CLEARANCE
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.robot.modes import Mode, sequence_name
 
+_LESS_ROOM = 0.7  # of a clearance that no plan keeps
+_ON_S = 0.25  # of the plan, after which a robot that was stopped and is not too near may go on
+_NEAR_PLAN = 0.5  # of the corridor: from farther away it is planned again
 _LONGER = 2  # doublings: two melts of 2sra-v1, after which all of it is liquid
 
 Think = Callable[[Problem], Result | None]
@@ -42,6 +47,7 @@ class Following:
         during: What the run is at, in words.
         broken: Segments (from 0) that cannot be melted any more.
         missed: Modes whose bends have missed.
+        clearance_m: What plans of the rest are to keep.
     """
 
     def __init__(
@@ -53,6 +59,7 @@ class Following:
         self.tracker = Tracker(plan.robot, rate_Hz=belief.camera.rate_Hz)
         self.mission = Mission(belief, settings.patience, plan)
         self.broken, self.missed = set[int](), list[Mode]()
+        self.clearance_m = settings.clearance_m
         self.near, self.during = "", "before the plan begins"
         self._plans, self._begun = list[Plan](), list[int]()
         self._replans = self._corrections = self._stops = self._doubted = 0
@@ -61,14 +68,37 @@ class Following:
         self._follow(plan)
 
     def begin(self) -> Activity:
-        """Wait for the first phase."""
-        self.belief.tell("plan", summary(self.course.plan))
-        return Waiting(self, 0)
+        """Wait for the first phase, of a plan that keeps as much clearance as the run needs."""
+        tell, kept_m, needed_m = self.belief.tell, self._kept_m, self.clearance_m
+        tell("plan", summary(self.course.plan))
+        if kept_m >= needed_m:
+            return Waiting(self, 0)
+        needed = f"{1e3 * needed_m:z.1f} are needed"
+        tell("look", f"{1e3 * kept_m:z.1f} mm of clearance are planned, {needed}")
+        return Replanning(self)
+
+    @property
+    def _kept_m(self) -> float:
+        """Clearance that the plan keeps; infinite where there are no obstacles."""
+        if not self.problem.obstacles:
+            return math.inf
+        plan = self.course.plan.require()
+        return plan.problem.clearance_m + plan.verification.limits.get(CLEARANCE.name, 0.0)
+
+    def narrower(self) -> Activity | None:
+        """What to do where no plan keeps the clearance: ask for less; None: no more was asked."""
+        if not self.problem.obstacles or self.clearance_m <= self.problem.clearance_m:
+            return None
+        self.belief.tell("look", f"no plan is found that keeps {1e3 * self.clearance_m:z.1f} mm")
+        self.clearance_m *= _LESS_ROOM
+        given = not self.belief.drives and self.clearance_m <= self._kept_m
+        return Waiting(self, 0) if given else Replanning(self)
 
     def _follow(self, plan: Plan) -> None:
         self.course = Course(self.belief, plan, self.patience, self.settings.longest_s)
         self.pulses = Pulses(self.settings.dead_zone_rad_s)
         self.tracker.reset(plan)
+        self._stopped_s = -math.inf
         self._plans.append(plan)
         self._decided_s = self.belief.now_s
 
@@ -135,8 +165,24 @@ class Following:
             self._doubted = self.settings.doubts if trouble.final else self._doubted
             text, kind = str(trouble), "corridor" if trouble.stalled else "doubt"
             return self.left(Abort(kind, text, stiff=trouble.bends))  # type: ignore[arg-type]
+        if not isinstance(trouble, MeetsItselfError) and self._goes_on():
+            self.belief.tell("look", f"{trouble}, and goes on after a look")
+            assert self._driving is not None
+            return self._driving
         kind = "body" if isinstance(trouble, MeetsItselfError) else "near"
         return self.left(Abort(kind, str(trouble)))  # type: ignore[arg-type]
+
+    def _goes_on(self) -> bool:
+        """True if a robot that was stopped near its plan is not too near, now that it is seen."""
+        belief, driving, before_s = self.belief, self._driving, self._stopped_s
+        if driving is None or belief.guard is None or belief.mode is None:
+            return False
+        self._stopped_s = self.course.clock_s
+        away = belief.q - self.course.planned
+        away[2] = wrapped(away[2])
+        near = belief.guard.forbids(belief.mode, belief.q[None], belief.deviation)
+        near |= belief.guard.off_m(away) > _NEAR_PLAN * self.patience.narrow_m
+        return not near and self._stopped_s >= before_s + _ON_S
 
     def left(self, left: Abort) -> Next:
         """What follows when a plan is left: an ending, or that the rest is planned again."""

@@ -206,6 +206,7 @@ class _Drive:
     def begun(self) -> Next:
         """The robot is in the mode."""
         self._run.began(self._mode)
+        self._run.belief.begin_drive()
         self._farthest_m = float(np.hypot(*self._run.belief.error[:2])) + AWAY_M
         return self
 

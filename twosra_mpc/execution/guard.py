@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 
 _WAY_OUT = 0.5  # of the distance at which a rigid drive began
+_SLOWEST = 0.125  # of the planned speed
 
 
 class TooNearError(TwosraError):
@@ -98,10 +99,24 @@ class Guard:
             deviation: Standard deviation of the belief, (3 + n,).
         """
         least_m = self._least_m(mode, deviation)
-        moved_m = float((np.abs(places - self._known_at) @ self._arms_m).max())
-        if (self._known_m - moved_m >= least_m).all():  # it cannot have come so near since
+        if (self._known_m - self._moved_m(places) >= least_m).all():
             return False
         return bool((self._looked_m(places) < least_m).any())
+
+    def pace(self, places: Array, deviation: Array) -> float:
+        """Share of the planned speed, 1 from twice the distance that is too near.
+
+        A robot that is slower is seen better, and may come nearer.
+
+        Args:
+            places: Where it is believed to be, and where it will be soon, (m, 3 + n).
+            deviation: Standard deviation of the belief, (3 + n,).
+        """
+        room_m = (self._known_m - self._moved_m(places))[:-1]
+        least_m = 2 * self.stop_m(deviation)
+        if (room_m < least_m).any():
+            room_m = self._looked_m(places)[:-1]
+        return float(np.clip(2 * room_m.min(initial=least_m) / least_m - 1, _SLOWEST, 1.0))
 
     def stop_m(self, deviation: Array) -> float:
         """Distance that is too near while the belief has a standard deviation (3 + n,) [m]."""
@@ -116,6 +131,10 @@ class Guard:
         distance_m, name = self._around.nearest(q)
         side = "from" if distance_m >= 0 else "beyond"
         return f"{1e3 * abs(distance_m):z.1f} mm {side} {name}"
+
+    def _moved_m(self, places: Array) -> float:
+        """Distance that points of the outline have moved since it was looked at, at most [m]."""
+        return float((np.abs(places - self._known_at) @ self._arms_m).max())
 
     def _looked_m(self, places: Array) -> Array:
         """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertain
 _DECISION_WORK = 200.0  # units, a third of a second: commands go on meanwhile once a second
+_ROOM_WORK = 4000.0  # units, 6 s: for one that keeps more than is asked
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 
 
@@ -111,7 +112,7 @@ class Replanning:
         if run.missed:
             run.missed.clear()  # any plan is better than none
             return self
-        return run.no_plan(why)
+        return run.narrower() or run.no_plan(why)
 
     @property
     def _rigid(self) -> bool:
@@ -142,7 +143,11 @@ def what_is_left(run: Following) -> Problem | None:
         return None
     missed, most = run.missed, _MISSES
     avoided = {mode for mode in missed if sum(mode) > 1 and missed.count(mode) > most}
-    return remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
+    left = remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
+    if not left.obstacles or run.clearance_m <= left.clearance_m:
+        return left
+    work = min(left.work_limit, _ROOM_WORK)
+    return left.with_values(clearance_m=run.clearance_m, work_limit=work)
 
 
 def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:
