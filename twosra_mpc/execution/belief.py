@@ -21,7 +21,7 @@ from twosra_mpc.execution.guard import (
 )
 from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
-from twosra_mpc.execution.segment_watch import SegmentWatch
+from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -195,10 +195,6 @@ class Belief:
         """What is known about the segments, in words."""
         return ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
 
-    def in_vain_s(self, segment: int) -> float:
-        """Time that a segment (from 0) has been asked for what it is not."""
-        return self.now_s - self._since[segment]
-
     @property
     def unseen_s(self) -> float:
         """Time since the last camera frame came in; infinite before the first."""
@@ -258,7 +254,7 @@ class Belief:
         """
         self._check(reading)
         begun_s, self.doubtful = self.now_s, False
-        self.reading = self._repeated(usable(self._timed(reading), self._newest_s))
+        self.reading = usable(self._timed(reading), self._newest_s)
         if np.isnan(begun_s):
             self._begin()
             return
@@ -290,8 +286,7 @@ class Belief:
         """The first reading; the robot has not been told anything yet."""
         self._filter = CameraFilter(self.camera, self.problem.start.configuration, self.now_s)
         self._begun_s = self._heard_s = self.now_s
-        self._since = [self.now_s] * len(self._watches)
-        self._told, self._last_known = self.reading.stiffness, list(self.reading.stiffness)
+        self._last_known = list(self.reading.stiffness)
         self._look()
 
     def _timed(self, reading: Reading) -> Reading:
@@ -315,11 +310,6 @@ class Belief:
         if self._stood >= _STOOD:
             raise RobotError(f"the robot's clock {words}")
         return reading if goes_on else replace(reading, time_s=begun_s)
-
-    def _repeated(self, reading: Reading) -> Reading:
-        """The reading with those faults that were reported before, too."""
-        self._faults = np.where(reading.faulty, self._faults + 1, 0)
-        return replace(reading, faulty=tuple((self._faults >= _FAULTS).tolist()))
 
     def _look(self) -> None:
         """Take in the frames of the last reading; from now on it has those that are believed."""
@@ -351,11 +341,16 @@ class Belief:
 
     def _watch(self) -> None:
         """Look at what the segments report; nobody believes in "soft" without enough heat."""
-        reading, self._told = self.reading, self.reading.stiffness
+        reading = self.reading
         current_A = reading.current_A or (None,) * len(self._watches)
         told = zip(reading.temperature_C, reading.stiffness, reading.faulty, current_A, strict=True)
         for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, told, strict=True):
             watch.take(self.now_s, float(asked_C), *of_segment)
+        heated = self.setpoint_C >= self.problem.robot.heater.soft_setpoint_C
+        self._faults = np.where(heated & reading.faulty, self._faults + 1, 0)
+        for segment in np.flatnonzero(self._faults >= _FAULTS).tolist():
+            here = f"{reading.temperature_C[segment]:z.1f} C: heater or sensor?"
+            raise SegmentError("heater", segment, f"heating does not warm it, {here}")
         believed = tuple(map(self._believed, range(len(self._watches)), reading.stiffness))
         if believed != reading.stiffness:
             self.reading = replace(reading, stiffness=believed)
@@ -372,11 +367,7 @@ class Belief:
 
     def _note_changes(self) -> None:
         """Write down each segment that has become soft or rigid, and was not so before."""
-        soft_C = self.problem.robot.heater.soft_setpoint_C
         for segment, now in enumerate(self.reading.stiffness):
-            asked = "soft" if self.setpoint_C[segment] >= soft_C else "rigid"
-            if asked in (now, self._told[segment]):
-                self._since[segment] = self.now_s
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue
             if self._last_known[segment] != "changing":
@@ -420,8 +411,6 @@ class Belief:
         setpoint_C = command.heater_setpoint_C
         watched = zip(self._watches, setpoint_C, strict=True)
         allowed_C = np.array([watch.allowed_C(float(asked_C)) for watch, asked_C in watched])
-        for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
-            self._since[segment] = self.now_s
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
         return replace(command, heater_setpoint_C=allowed_C)
 

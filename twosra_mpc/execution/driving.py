@@ -75,7 +75,6 @@ class Driving:
         self.belief.begin_drive()
         self._before = self._best = math.inf
         self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
-        self._stood_s: float | None = None  # since when its mode is lost
 
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
@@ -121,12 +120,7 @@ class Driving:
     def _standing(self) -> Next | None:
         """What to do while the robot is not in the phase's mode, or nothing sees it."""
         belief, course, mode = self.belief, self.course, self.phase.mode
-        lost = belief.mode != mode
-        if self._stood_s is None or not lost:
-            self._stood_s = belief.now_s
-        if (abort := course.broken(mode, belief.now_s - self._stood_s)) is not None:
-            return self.run.left(abort)
-        if lost:
+        if belief.mode != mode:
             held_C = course.held(self.run.setpoint_C, mode)
             return rest(belief, held_C, self.patience.rest_s, course.planned)
         if not belief.blind:

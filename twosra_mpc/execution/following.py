@@ -55,7 +55,7 @@ class Following:
     ) -> None:
         """The robot is where the plan starts."""
         self.belief, self.settings, self.patience = belief, settings, settings.patience
-        self.problem, self.think = plan.problem, think
+        self.problem, self.think, self.longest_s = plan.problem, think, settings.longest_s
         self.tracker = Tracker(plan.robot, rate_Hz=belief.camera.rate_Hz)
         self.mission = Mission(belief, settings.patience, plan)
         self.broken, self.missed = set[int](), list[Mode]()
@@ -95,7 +95,7 @@ class Following:
         return Waiting(self, 0) if given else Replanning(self)
 
     def _follow(self, plan: Plan) -> None:
-        self.course = Course(self.belief, plan, self.patience, self.settings.longest_s)
+        self.course = Course(self.belief, plan, self.patience)
         self.pulses = Pulses(self.settings.dead_zone_rad_s)
         self.tracker.reset(plan)
         self._stopped_s = -math.inf
@@ -129,7 +129,8 @@ class Following:
         """Drive a phase; after the last, look where the robot has come to."""
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
-            return look_at_robot(belief, self.patience, self._at_the_end)
+            at = belief, self.patience
+            return look_at_objects(*at, partial(look_at_robot, *at, self._at_the_end))
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self._driving = Driving(self, index)
@@ -143,6 +144,8 @@ class Following:
         if belief.accuracy.surely(belief.error) and not left:
             if not belief.sure(belief.accuracy.scale(self.problem.robot.coordinates)):
                 return self.verdict(*belief.ending_unseen(left=False))
+            if moved := self.mission.misplaced:
+                return self.verdict(Ending.OBJECT_LOST, moved)
             if np.isnan(belief.goal.configuration).all():  # a mission without a goal
                 return self.verdict(Ending.REACHED, "all tasks are done")
             return self.verdict(Ending.REACHED, f"the goal is reached: {belief.where}")
@@ -188,8 +191,6 @@ class Following:
         """What follows when a plan is left: an ending, or that the rest is planned again."""
         self._driving, tell = None, self.belief.tell
         match left.kind:
-            case "time":
-                return self.verdict(Ending.TIME_LIMIT, left.text)
             case "camera":
                 return self.verdict(*self.belief.ending_unseen(left=bool(self.mission.left)))
             case "doubt":

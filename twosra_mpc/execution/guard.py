@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, wrapped
+from twosra_mpc.robot.coordinates import POSE, Array, Coordinates, composed, inverse, wrapped
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
@@ -178,7 +179,12 @@ class ObjectsSeen:
         """Believe that they are where the problem says."""
         self.poses = np.array([item.pose.pose for item in problem.objects])
         self.in_b0 = composed(inverse(problem.start.configuration[:POSE]), self.poses)
-        self.seen, self._count = False, 0
+        self.seen, self._count, self._share = False, 0, 1.0
+
+    def deviation(self, camera: Camera) -> Array:
+        """Standard deviation of a pose by frames of this camera, (3,) [m, m, rad]."""
+        frame = camera.variance(Coordinates(1))[:POSE]
+        return np.sqrt(self._share * frame) if self.seen else np.zeros(POSE)
 
     def forget(self) -> None:
         """Believe the next frames alone."""
@@ -191,6 +197,7 @@ class ObjectsSeen:
         for frame, poses in zip(frames, objects, strict=True):
             self._count, self.seen = self._count + 1, True
             gain = max(1.0 / self._count, _LEAST_GAIN)
+            self._share = (1 - gain) ** 2 * self._share + gain**2
             self.poses = _towards(self.poses, poses, gain)
             self.in_b0 = _towards(self.in_b0, composed(inverse(frame[:POSE]), poses), gain)
 

@@ -27,6 +27,7 @@ from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation, wrappe
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
+_SURELY = 3.0  # standard deviations within which an object is where it is seen
 _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
@@ -234,7 +235,7 @@ class Mission:
     def _released(self, task: Release) -> Abort | None:
         """True if the object was moved from where it was carried."""
         goal = self._goals.get(task.object)
-        if goal is None or self._off(goal) <= 1.0:
+        if goal is None or self._off(goal, _SURELY) <= 1.0:
             return None
         if self._put_at is not None:  # how it was dragged along: it will be so again
             (pose, q), now = self._put_at, self.poses()[self._numbers[task.object]]
@@ -269,10 +270,23 @@ class Mission:
             phi_rad = float(self.poses()[self._numbers[task.object], 2])
         return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
 
-    def _off(self, task: Carry) -> float:
-        """Distance of the object from where it is carried, in units of `ACCURACY`."""
-        (far_m, turn_rad) = self._away(task)
-        return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
+    def _off(self, task: Carry, deviations: float = 0.0) -> float:
+        """Distance of the object from where it is to be, in units of `ACCURACY`.
+
+        With so many standard deviations of where it is seen, if it is.
+        """
+        objects, camera = self.belief.objects, self.belief.camera
+        unsure = np.zeros(POSE) if objects is None else deviations * objects.deviation(camera)
+        far_m, turn_rad = self._away(task)
+        return max((far_m + unsure[0]) / ACCURACY[0], (turn_rad + unsure[2]) / ACCURACY[2])
+
+    @property
+    def misplaced(self) -> str:
+        """Object that is not where it was carried, in words; empty if none."""
+        for name, goal in self._goals.items():
+            if self._off(goal, _SURELY) > 1.0:
+                return f"{name} was moved: {self._where(goal)}"
+        return ""
 
     def _away(self, task: Carry) -> tuple[float, float]:
         number = self._numbers[task.object]

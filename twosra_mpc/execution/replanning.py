@@ -12,7 +12,6 @@ from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.controller import Activity, Next, look_at_objects, rest
-from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
 from twosra_mpc.planning.planner import plan_again
@@ -66,9 +65,6 @@ class Replanning:
     def advance(self) -> Next:
         """Stand, and look at objects; while the rest is planned, stand on."""
         run, belief, settings = self._run, self._belief, self._run.settings
-        if belief.now_s > settings.longest_s:
-            words = f"the run has taken more than {settings.longest_s:z.0f} s"
-            return run.verdict(Ending.TIME_LIMIT, words)
         if self._left is not None:
             return self._planned(self._left)
         stiffness, solid = belief.reading.stiffness, run.broken | self._cooled

@@ -54,6 +54,8 @@ class Playing:
         during: What the run is at, in words.
     """
 
+    longest_s = math.inf
+
     def __init__(self, belief: Belief, plan: Plan, patience: Patience, *, reports: bool) -> None:
         """The robot is where the plan starts."""
         self.course, self._reports = Course(belief, plan, patience), reports
@@ -81,11 +83,14 @@ class Playing:
         """Play a phase, or end."""
         course, plan = self.course, self.course.plan
         if index == len(plan.phases):
-            reason = "the plan was sent to its end"
-            return Verdict("stream", Ending.LOGGED, reason, (plan,), (course.begun,))
+            return self.verdict(Ending.LOGGED, "the plan was sent to its end")
         self.during = f"in {course.name(index)}"
         course.belief.tell("drive", f"{course.name(index)} begins")
         return _Phase(self, index)
+
+    def verdict(self, ending: Ending, reason: str) -> Verdict:
+        """An ending of the run."""
+        return Verdict("stream", ending, reason, (self.course.plan,), (self.course.begun,))
 
     def learnt(self, index: int, what: str) -> None:
         """There is no other plan."""
@@ -115,7 +120,6 @@ class _Phase:
         self._phase = course.plan.phases[index]
         rate_Hz = course.belief.camera.rate_Hz
         self._orders = wheel_commands(course.plan.trajectory, self._phase, rate_Hz)
-        self._waits_s = course.belief.now_s
 
     def advance(self) -> Next:
         policy, course, belief = self._policy, self._policy.course, self._policy.course.belief
@@ -125,13 +129,10 @@ class _Phase:
             course.clock_s = max(course.clock_s, self._phase.end_s)
             return Waiting(policy, self._index + 1)
         ready = policy.ready(mode, course.clock_s)
-        if (abort := course.broken(mode, belief.now_s - self._waits_s)) is not None:
-            return policy.left(abort)
         if not ready:
             setpoint_C = course.held(policy.setpoint_C, mode)
             return rest(belief, setpoint_C, course.patience.rest_s, course.planned)
         order = self._orders.pop(0)
-        self._waits_s = belief.now_s
         command = Command(
             policy.setpoint_C, belief.camera.period_s, order.wheel_rad_s, mode, course.planned
         )
