@@ -268,7 +268,7 @@ class Belief:
         self._listen()
         self._note_changes()
         if mode is not None:
-            if self._goes_on(mode, begun_s):
+            if self.drives and self.drives[-1][::2] == (mode, begun_s):  # it goes on
                 self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
             else:
                 self.drives.append(Drive(mode, begun_s, self.now_s))
@@ -301,15 +301,16 @@ class Belief:
         goes_on = time_s > begun_s and (not leaps or time_s > self._leapt_s)
         self._leapt_s = time_s if leaps else np.nan
         self._stood = 0 if goes_on else self._stood + 1
-        if goes_on or time_s == begun_s:
-            words = f"stands still, at {time_s:zg} s"
-        else:
+        if goes_on:
+            return reading
+        words = f"the robot's clock stands still, at {time_s:zg} s"
+        if time_s != begun_s:
             back = f"goes back, by {begun_s - time_s:zg} s"
-            words = back if time_s < begun_s else f"leaps to {time_s:zg} s"
-            self.tell("failure", f"the robot's clock {words}: no time is believed to have passed")
+            words = f"the robot's clock {back if time_s < begun_s else f'leaps to {time_s:zg} s'}"
+            self.tell("failure", f"{words}: no time is believed to have passed")
         if self._stood >= _STOOD:
-            raise RobotError(f"the robot's clock {words}")
-        return reading if goes_on else replace(reading, time_s=begun_s)
+            raise RobotError(words)
+        return replace(reading, time_s=begun_s)
 
     def _look(self) -> None:
         """Take in the frames of the last reading; from now on it has those that are believed."""
@@ -375,10 +376,6 @@ class Belief:
                 self.tell("confirmed", f"segment {segment + 1} is {now}")
             self._last_known[segment] = now
 
-    def _goes_on(self, mode: Mode, time_s: float) -> bool:
-        """True if a drive at this time continues the last one."""
-        return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
-
     def _compare(self, mode: Mode, before: Array, after: Array) -> None:
         """Doubt a robot that does not do what it is told; frames are late, so rests count too."""
         if self.doubt is None:
@@ -414,16 +411,9 @@ class Belief:
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
         return replace(command, heater_setpoint_C=allowed_C)
 
-    def begin_drive(self) -> None:
-        """The robot is where a drive begins; one that was interrupted goes on with the old one."""
-        if self.guard is not None:
-            self.guard.begin(self.q)
-
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
         """Refuse to drive nearer to something than the guard allows, or into itself."""
         guard = self.guard
-        if guard is not None and guard.fresh:
-            guard.begin(self.q)
         if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return
         ahead_s = (1 + COASTING) * self.camera.period_s

@@ -15,7 +15,7 @@ import numpy as np
 
 from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.controller import Next, rest
+from twosra_mpc.execution.controller import Activity, Next, Policy, rest
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -29,20 +29,16 @@ class Abort(NamedTuple):
     """Reason why a plan cannot be followed to its end.
 
     Attributes:
-        kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
-            segment did not become what it should; "camera": nothing sees the robot; "doubt": it
-            does not move as commanded; "near": it was stopped near something; "body": it was
-            stopped near itself; "task": a task is not done where it should be; "lost": an object is
-            not where it was held or put.
+        kind: "corridor": the rest of the plan does not lead to the goal from here; "camera":
+            nothing sees the robot; "task": a task is not done where it should be; "lost": an object
+            is not where it was held or put.
         text: The same in words.
-        segment: The segment (from 0) whose heater it is.
         stiff: Whether a segment that is reported soft seems to need more time.
         missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
     """
 
-    kind: Literal["corridor", "heater", "camera", "doubt", "near", "body", "task", "lost"]
+    kind: Literal["corridor", "camera", "task", "lost"]
     text: str
-    segment: int = 0
     stiff: bool = False
     missed: Mode | None = None
 
@@ -68,11 +64,6 @@ class Course:
         """Set-point at which a segment is kept warm, surely solid."""
         return warm_setpoint_C(self.plan.robot, self.plan.problem.ambient)
 
-    @cached_property
-    def _start_mode(self) -> Mode:
-        """Asked for in every period of a run."""
-        return self.plan.problem.start_mode
-
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the segments now, by events, (n,)."""
@@ -87,7 +78,7 @@ class Course:
     def _setpoint_C(self, segment: int, planned_C: float) -> float:
         heater = self.plan.robot.heater
         soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
-        value = soft if self._start_mode[segment] else rigid
+        value = soft if self.plan.problem.start_mode[segment] else rigid
         for item in own_transitions(self.plan.transitions, segment):
             if self._commanded(item):
                 value = soft if item.to == "soft" else rigid
@@ -138,18 +129,23 @@ class Course:
         return np.where(mode, self.plan.robot.heater.soft_setpoint_C, setpoint_C)
 
 
-class PlanPolicy(Protocol):
+class PlanPolicy(Policy, Protocol):
     """A policy that carries a plan out."""
 
     course: Course
-    during: str
+
+    def begin(self) -> Activity:
+        """Wait for the first phase."""
+        return Waiting(self, 0)
 
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
+        return self.course.setpoint_C
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
+        return self.course.belief.mode == mode
 
     def arrived(self, index: int) -> Next:
         """What to do when a phase may begin, or at the plan's end."""

@@ -72,7 +72,8 @@ class Driving:
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
         self.begun = self.belief.q.copy()
-        self.belief.begin_drive()
+        if self.belief.guard is not None:
+            self.belief.guard.begin(self.begun)
         self._before = self._best = math.inf
         self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
 

@@ -200,7 +200,8 @@ class _Drive:
     def begun(self) -> Next:
         """The robot is in the mode."""
         self._run.began(self._mode)
-        self._run.belief.begin_drive()
+        if (guard := self._run.belief.guard) is not None:
+            guard.begin(self._run.belief.q)
         self._farthest_m = float(np.hypot(*self._run.belief.error[:2])) + AWAY_M
         return self
 

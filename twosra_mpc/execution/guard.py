@@ -71,21 +71,14 @@ class Guard:
         from twosra_mpc.space.separation import Proximity, arms_m
 
         geometry = problem.robot.geometry
-        self._around, self._patience = (
-            Proximity(world or problem.world, geometry, carried),
-            patience,
-        )
+        self._around = Proximity(world or problem.world, geometry, carried)
+        self._patience = patience
         self._arms_m = arms_m(geometry)
         for piece in carried:
             farthest_m = float(np.linalg.norm(piece, axis=1).max())
             self._arms_m[2] = max(self._arms_m[2], farthest_m)
         self._began_m = self._known_m = np.empty(0)
         self._known_at = problem.start.configuration
-
-    @property
-    def fresh(self) -> bool:
-        """True if no drive has begun yet."""
-        return not self._began_m.size
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""
@@ -99,6 +92,8 @@ class Guard:
             places: Where it is believed to be, and where it may be before it stands, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
+        if not self._began_m.size:
+            self.begin(places[0])
         least_m = self._least_m(mode, deviation)
         if (self._known_m - self._moved_m(places) >= least_m).all():
             return False

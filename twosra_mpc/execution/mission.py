@@ -127,7 +127,7 @@ class Mission:
         belief, hold = self.belief, self._hold
         if hold is None or belief.objects is None or not belief.objects.seen:
             return None
-        away_m = _far_m(belief.objects.in_b0[hold.object] - hold.pose_in_b0)
+        away_m = math.hypot(*(belief.objects.in_b0[hold.object] - hold.pose_in_b0)[:2])
         if away_m <= HOLD_M + self._room_m:
             return None
         name = self.problem.objects[hold.object].name
@@ -250,7 +250,7 @@ class Mission:
         if seen is None or not seen.seen:
             return None
         in_b0 = seen.in_b0[grip.object]
-        away_m = _far_m(in_b0 - grip.pose_in_b0)
+        away_m = math.hypot(*(in_b0 - grip.pose_in_b0)[:2])
         cage = cage_of(self.problem, self.belief.q, grip.object, in_b0)
         if cage is not None and cage.proved:
             self._room_m = cage.room_m
@@ -279,14 +279,6 @@ class Mission:
         unsure = np.zeros(POSE) if objects is None else deviations * objects.deviation(camera)
         far_m, turn_rad = self._away(task)
         return max((far_m + unsure[0]) / ACCURACY[0], (turn_rad + unsure[2]) / ACCURACY[2])
-
-    @property
-    def misplaced(self) -> str:
-        """Object that is not where it was carried, in words; empty if none."""
-        for name, goal in self._goals.items():
-            if self._off(goal, _SURELY) > 1.0:
-                return f"{name} was moved: {self._where(goal)}"
-        return ""
 
     def _away(self, task: Carry) -> tuple[float, float]:
         number = self._numbers[task.object]
@@ -369,10 +361,6 @@ def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
         turn_rad = abs(math.remainder(pose[2] - task.phi_rad, math.tau))
         turn_rad = max(turn_rad - task.heading_tolerance_rad, 0.0)
     return max(far_m, 0.0), turn_rad
-
-
-def _far_m(away: Array) -> float:
-    return math.hypot(away[0], away[1])
 
 
 def _name(task: Task) -> str:

@@ -40,23 +40,20 @@ class Replanning:
     segment goes on to what it was becoming.
     """
 
-    def __init__(self, run: Following) -> None:
-        """Leave a plan."""
-        self._run, self._belief = run, run.belief
-        self._cooled, self._until_s, self._told = set[int](), self._belief.now_s, False
-        self._resting = False
-        self._left: Problem | None = None  # what is being planned
-
-    def begin(self, *, melting_on: bool = False, cooling: bool = False) -> Activity:
-        """Stand.
+    def __init__(self, run: Following, *, melting_on: bool = False, cooling: bool = False) -> None:
+        """Leave a plan.
 
         Args:
+            run: The run.
             melting_on: Hold what is soft for a while, so that all of it melts.
             cooling: Let all segments become solid.
         """
-        if melting_on:
-            self._until_s += self._run.melt_on_s()
-        return self._cool() if cooling else self
+        self._run, self._belief = run, run.belief
+        self._until_s = run.belief.now_s + (run.melt_on_s() if melting_on else 0.0)
+        self._cooled = set(range(len(run.belief.setpoint_C)) if cooling else ())
+        self._told = self._resting = False
+        self._left: Problem | None = None  # what is being planned
+        run.driving = None
 
     def _cool(self) -> Activity:
         self._cooled = set(range(len(self._belief.setpoint_C)))
@@ -73,7 +70,9 @@ class Replanning:
         if changing or belief.now_s < self._until_s or not self._told:
             self._told = True  # to stand
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
-        if run.mission.holding is not None and not self._rigid:  # no soft robot holds anything
+        if run.mission.holding is not None and set(stiffness) != {
+            "rigid"
+        }:  # no soft robot holds anything
             return self._cool()
         return look_at_objects(belief, settings.patience, self._plan)
 
@@ -110,10 +109,6 @@ class Replanning:
             return self
         return run.narrower() or run.no_plan(why)
 
-    @property
-    def _rigid(self) -> bool:
-        return set(self._belief.reading.stiffness) == {"rigid"}
-
     def _as_they_become(self) -> Array:
         """Set-points that let every segment become, or stay, what it is becoming, (n,)."""
         belief, heater = self._belief, self._belief.problem.robot.heater
@@ -140,7 +135,7 @@ def what_is_left(run: Following) -> Problem | None:
     missed, most = run.missed, _MISSES
     avoided = {mode for mode in missed if sum(mode) > 1 and missed.count(mode) > most}
     left = remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
-    if not left.obstacles or run.clearance_m <= left.clearance_m:
+    if run.clearance_m <= left.clearance_m:
         return left
     work = min(left.work_limit, _ROOM_WORK)
     return left.with_values(clearance_m=run.clearance_m, work_limit=work)

@@ -242,8 +242,8 @@ def simulate(
     robot = SimulatedRobot(
         problem, plant, level, seed, broken_heaters=broken_heaters, viewer=viewer
     )
-    known = {"dead_zone_rad_s": level.dead_zone_rad_s, "clearance_m": level.clearance_m}
-    chosen = settings or ExecutorSettings(**known)
+    dead_rad_s, room_m = level.dead_zone_rad_s, level.clearance_m
+    chosen = settings or ExecutorSettings(dead_zone_rad_s=dead_rad_s, clearance_m=room_m)
     if executor == "greedy":
         run = Executor(robot, chosen).drive(problem)
     else:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Activity, Next, Trouble, rest
-from twosra_mpc.execution.course import Abort, Course, Waiting
+from twosra_mpc.execution.course import Abort, Course, PlanPolicy, Waiting
 from twosra_mpc.execution.robot_interface import Command, RobotError
 from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.settings import Patience
@@ -44,7 +44,7 @@ def wheel_commands(trajectory: Trajectory, phase: Phase, rate_Hz: float) -> list
     ]
 
 
-class Playing:
+class Playing(PlanPolicy):
     """A policy: phases begin when reports confirm what they need, wheels turn as planned.
 
     A robot that reports nothing begins its phases, and switches its heaters, at the plan's times.
@@ -61,23 +61,17 @@ class Playing:
         self.course, self._reports = Course(belief, plan, patience), reports
         self.during = "before the plan begins"
 
-    def begin(self) -> Activity:
-        """Wait for the first phase."""
-        return Waiting(self, 0)
-
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
         course = self.course
-        if self._reports:
-            return course.setpoint_C
-        return course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
+        planned_C: Array = course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
+        return course.setpoint_C if self._reports else planned_C
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on."""
-        if self._reports:
-            return self.course.belief.mode == mode
-        return self.course.clock_s >= planned_s - SAME_TIME_S
+        in_time = self.course.clock_s >= planned_s - SAME_TIME_S
+        return super().ready(mode, planned_s) if self._reports else in_time
 
     def arrived(self, index: int) -> Next:
         """Play a phase, or end."""
