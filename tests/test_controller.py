@@ -99,15 +99,7 @@ def test_a_step_after_the_end_leaves_the_robot_off() -> None:
     verdict = controller.verdict
     reading = robot.read()
     for k in range(3):
-        later = Reading(
-            controller.belief.now_s + 0.1 + k,
-            np.empty(0),
-            np.empty((0, 5)),
-            reading.temperature_C,
-            reading.stiffness,
-            reading.faulty,
-        )
-        command = controller.step(later)
+        command = controller.step(replace(reading, time_s=controller.belief.now_s + 0.1 + k))
         assert not command.wheel_rad_s.any()
         assert (command.heater_setpoint_C <= made.robot.heater.rigid_setpoint_C).all()
         assert controller.verdict is verdict

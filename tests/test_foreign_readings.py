@@ -14,8 +14,8 @@ from once import planned
 from benchmarks.foreign import TICK_S, ForeignRobot
 from benchmarks.problems import labelled
 from twosra_mpc import plan
-from twosra_mpc.execution import Executor, Reading, RobotError, greedy_rule
-from twosra_mpc.execution.executor import ExecutorSettings, plan_controller
+from twosra_mpc.execution import Executor, ExecutorSettings, Reading, RobotError, greedy_rule
+from twosra_mpc.execution.executor import plan_controller
 from twosra_mpc.execution.following import Following
 from twosra_mpc.execution.run import Ending, Run
 
@@ -39,8 +39,8 @@ def stands(reading: Reading) -> Reading:
     return replace(reading, time_s=FROM_S, taken_s=np.minimum(reading.taken_s, FROM_S))
 
 
-def goes_back(reading: Reading) -> Reading:
-    return replace(reading, time_s=reading.time_s - 1.0, taken_s=reading.taken_s - 1.0)
+def shifted(reading: Reading, by_s: float = -1.0) -> Reading:
+    return replace(reading, time_s=reading.time_s + by_s, taken_s=reading.taken_s + by_s)
 
 
 def driven(robot: ForeignRobot, made: Any, executor: str) -> Run:
@@ -51,7 +51,7 @@ def driven(robot: ForeignRobot, made: Any, executor: str) -> Run:
 
 
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])
-@pytest.mark.parametrize(("spoil", "words"), [(stands, "stands still"), (goes_back, "goes back")])
+@pytest.mark.parametrize(("spoil", "words"), [(stands, "stands still"), (shifted, "goes back")])
 def test_a_clock_that_does_not_go_on_stops_the_robot(
     spoil: Spoil, words: str, executor: str
 ) -> None:
@@ -62,6 +62,43 @@ def test_a_clock_that_does_not_go_on_stops_the_robot(
         driven(robot, made, executor)
     assert robot.off
     assert robot.time_s < FROM_S + 5.0
+
+
+WRONG: list[dict[str, Any]] = [
+    *({"time_s": time_s} for time_s in (0.0, np.nan, np.inf, 1e9)),
+    *({"faulty": (True, True)}, {"stiffness": ("rigid", "soft")}, {"stiffness": (None, None)}),
+    {"temperature_C": (500.0, -40.0), "current_A": (1e9, np.nan)},
+]
+
+
+class NowAndThen(ForeignRobot):
+    """A robot of which every 31st reading is wrong, each time in another way."""
+
+    count = 0
+
+    def read(self) -> Reading:
+        self.count += 1
+        which, spoils = divmod(self.count, 31)
+        reading = super().read()
+        return reading if spoils else replace(reading, **WRONG[which % len(WRONG)])
+
+
+@pytest.mark.parametrize("executor", ["optimal", "greedy"])
+def test_single_readings_that_are_wrong_end_nothing(executor: str) -> None:
+    made = planned("paper-1", robot=ARC)
+    robot = NowAndThen(made.problem)
+    run = driven(robot, made, executor)
+    assert run.ending is Ending.REACHED, run.reason
+    assert robot.count > 31 * len(WRONG)
+    assert sum("clock" in event.text for event in run.events) >= 4
+
+
+def test_a_clock_that_goes_on_from_later_is_believed() -> None:
+    """As after a program that was held up."""
+    made = planned("rigid-move", robot=ARC)
+    run = driven(Spoilt(made.problem, lambda reading: shifted(reading, 9.0)), made, "optimal")
+    assert run.ending is Ending.REACHED
+    assert run.duration_s > FROM_S + 9.0
 
 
 @pytest.mark.parametrize("executor", ["optimal", "greedy"])

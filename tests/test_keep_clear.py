@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
+from twosra_mpc import Plan, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc.execution import Ending, Executor, ExecutorSettings, Patience, Run, SimulatedRobot
 from twosra_mpc.execution.guard import Guard
 from twosra_mpc.execution.mission import tasks_left
@@ -116,17 +116,26 @@ def test_the_greedy_rule_is_stopped_too(around: dict[str, Any], name: str) -> No
     assert_left_safe(done.run)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_drive_planned_with_the_advised_clearance_is_not_stopped(
-    straight: Plan, seed: int
+@pytest.mark.parametrize(("most_m", "asked"), [(0.02, 2), (0.0, 8)])
+def test_a_run_asks_for_the_clearance_it_needs_and_then_for_less(
+    straight: Plan, most_m: float, asked: int
 ) -> None:
-    made = among(straight, obstacles=[WALL])
-    done = simulate(made.problem, seed=seed, plan=made)
-    assert done.metrics.reached
-    assert done.metrics.touched == ""
-    assert done.metrics.least_clearance_m is not None
-    assert 0.008 < done.metrics.least_clearance_m < 0.025
-    assert not any("stopped" in event.text for event in done.run.events)
+    """Where none is planned, it follows the plan that it was given."""
+    made, told, found = among(straight, obstacles=[WALL]), list[float](), list[Result]()
+
+    def think(problem: Problem) -> Result:
+        told.append(problem.clearance_m)
+        if not found:
+            found.append(plan(problem.with_values(clearance_m=0.002)))
+        return found[0] if told[-1] <= most_m else replace(found[0], plan=None)
+
+    robot = SimulatedRobot(made.problem, "as-planned")
+    run = Executor(robot, ExecutorSettings(clearance_m=0.025), think=think).run(made)
+    assert run.reached
+    assert told == pytest.approx(0.025 * 0.7 ** np.arange(asked))
+    missed = [event for event in run.events if "no plan is found that keeps" in event.text]
+    assert len(missed) == asked - (most_m > 0.0)
+    assert len(run.plans) == 1 + (most_m > 0.0)
 
 
 def test_a_rigid_drive_that_leaves_its_narrow_corridor_is_planned_again(straight: Plan) -> None:
@@ -150,6 +159,8 @@ def test_a_robot_that_was_stopped_may_drive_away_but_no_nearer() -> None:
     sure, near = np.zeros(5), np.array([0.0, 0.022, 0.0, 0.0, 0.0])
     unsure, aside = np.array([3e-3, 3e-3, 0.0, 0.0, 0.0]), np.array([0.0, 1e-3, 0.0, 0.0, 0.0])
     guard.begin(near)
+    assert guard.pace(near[None] - 40 * aside, sure) == 1.0
+    assert guard.pace(near[None], unsure) == 0.125  # it is seen better then
     assert not guard.forbids((0, 0), np.array([near, near - aside]), sure)
     assert not guard.forbids((0, 0), np.array([near - aside]), unsure)
     assert guard.forbids((0, 0), np.array([near, near + aside]), sure)

@@ -228,9 +228,7 @@ def test_what_is_carried_is_guarded_as_a_part_of_the_robot() -> None:
     nearer = q + np.array([0.0, 0.0015, 0.0, 0.0, 0.0])
     alone, both = Guard(problem, Patience()), Guard(problem, Patience(), None, pieces)
     for guard, forbids in ((alone, False), (both, True)):
-        assert guard.fresh
         guard.begin(q)
-        assert not guard.fresh
         assert not guard.forbids((0, 0), q[None], still)
         assert guard.forbids((0, 0), nearer[None], still) is forbids
 

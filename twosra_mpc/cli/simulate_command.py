@@ -13,7 +13,7 @@ from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import Ending, times
-from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M, LEVELS, disturbance_level
+from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_level
 from twosra_mpc.execution.simulation.plant import ALL_PLANTS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import (
     EXECUTORS,
@@ -133,9 +133,10 @@ def _print_run(simulation: Simulation) -> None:
         ("planned again", again),
     ]
     if (least_m := found.least_clearance_m) is not None:
-        advised_m, planned_m = CLEARANCE_M[simulation.disturbance], run.problem.clearance_m
+        needed_m = LEVELS[simulation.disturbance].clearance_m
+        planned_m = (run.plans[-1] if run.plans else run).problem.clearance_m
         least = found.touched or f"{1e3 * least_m:z.1f} mm at the closest approach"
-        advice = f", advised are {1e3 * advised_m:z.3g}" if planned_m < advised_m else ""
+        advice = f", needed are {1e3 * needed_m:z.3g}" if planned_m < needed_m else ""
         rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:z.3g} mm{advice}"))
     rows += _rows_of_mission(run.problem, found)
     print_table(

@@ -21,7 +21,7 @@ from twosra_mpc.execution.guard import (
 )
 from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
-from twosra_mpc.execution.segment_watch import SegmentWatch
+from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -33,6 +33,8 @@ _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
+_LEAP_S = 0.5  # later than it was due a reading is believed only when the next is later still
+_FAULTS = 3  # readings in a row with its flag make a fault: single ones are noise
 
 
 class Metal(NamedTuple):
@@ -107,7 +109,8 @@ class Belief:
         self._filter = CameraFilter(camera, problem.start.configuration, 0.0)
         self._newest_s = self._seen_s = -np.inf
         self._compared: tuple[Mode | None, Array] = None, self.q
-        self._stood, self._silent, self._heard_s = 0, False, np.nan
+        self._stood, self._leapt_s, self._heard_s = 0, np.nan, np.nan
+        self._faults = np.zeros(len(segments), dtype=int)
         self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
 
     # What is believed.
@@ -192,10 +195,6 @@ class Belief:
         """What is known about the segments, in words."""
         return ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
 
-    def in_vain_s(self, segment: int) -> float:
-        """Time that a segment (from 0) has been asked for what it is not."""
-        return self.now_s - self._since[segment]
-
     @property
     def unseen_s(self) -> float:
         """Time since the last camera frame came in; infinite before the first."""
@@ -254,11 +253,11 @@ class Belief:
             DoubtError: If the robot does not move as it is commanded.
         """
         self._check(reading)
-        begun_s, self.reading, self.doubtful = self.now_s, usable(reading, self._newest_s), False
+        begun_s, self.doubtful = self.now_s, False
+        self.reading = usable(self._timed(reading), self._newest_s)
         if np.isnan(begun_s):
             self._begin()
             return
-        self._check_clock(self.now_s - begun_s)
         mode, before = self.command.mode, self.q.copy()
         turned = self.command.wheel_rad_s * (self.now_s - begun_s)
         after = before if mode is None else self._rolled(mode, before, turned)
@@ -269,7 +268,7 @@ class Belief:
         self._listen()
         self._note_changes()
         if mode is not None:
-            if self._goes_on(mode, begun_s):
+            if self.drives and self.drives[-1][::2] == (mode, begun_s):  # it goes on
                 self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
             else:
                 self.drives.append(Drive(mode, begun_s, self.now_s))
@@ -287,17 +286,31 @@ class Belief:
         """The first reading; the robot has not been told anything yet."""
         self._filter = CameraFilter(self.camera, self.problem.start.configuration, self.now_s)
         self._begun_s = self._heard_s = self.now_s
-        self._since = [self.now_s] * len(self._watches)
-        self._told, self._last_known = self.reading.stiffness, list(self.reading.stiffness)
+        self._last_known = list(self.reading.stiffness)
         self._look()
 
-    def _check_clock(self, passed_s: float) -> None:
-        """Without a clock nothing would ever be late, or lost."""
-        self._stood = 0 if passed_s else self._stood + 1
-        if passed_s < 0.0:
-            raise RobotError(f"the robot's clock goes back, by {-passed_s:zg} s")
+    def _timed(self, reading: Reading) -> Reading:
+        """The reading, at the time of the last one where its own is wrong; not for long.
+
+        Without a clock nothing would ever be late, or lost.
+        """
+        begun_s, time_s, at_most_s = self.now_s, reading.time_s, self.command.at_most_s
+        if np.isnan(begun_s):
+            return reading
+        leaps = time_s > begun_s + at_most_s + _LEAP_S
+        goes_on = time_s > begun_s and (not leaps or time_s > self._leapt_s)
+        self._leapt_s = time_s if leaps else np.nan
+        self._stood = 0 if goes_on else self._stood + 1
+        if goes_on:
+            return reading
+        words = f"the robot's clock stands still, at {time_s:zg} s"
+        if time_s != begun_s:
+            back = f"goes back, by {begun_s - time_s:zg} s"
+            words = f"the robot's clock {back if time_s < begun_s else f'leaps to {time_s:zg} s'}"
+            self.tell("failure", f"{words}: no time is believed to have passed")
         if self._stood >= _STOOD:
-            raise RobotError(f"the robot's clock stands still, at {self.now_s:zg} s")
+            raise RobotError(words)
+        return replace(reading, time_s=begun_s)
 
     def _look(self) -> None:
         """Take in the frames of the last reading; from now on it has those that are believed."""
@@ -323,17 +336,22 @@ class Belief:
             raise RobotError(f"the robot has been silent for {silent_s:z.0f} s")
 
     @property
-    def silent(self) -> bool:
-        """True if the last reading held nothing."""
-        return self._heard_s < self.now_s
+    def uncertain(self) -> bool:
+        """True if wheels must stand: nobody knows how late it is, or a resting robot is silent."""
+        return self._stood > 0 or (self._heard_s < self.now_s and self.stands)
 
     def _watch(self) -> None:
         """Look at what the segments report; nobody believes in "soft" without enough heat."""
-        reading, self._told = self.reading, self.reading.stiffness
+        reading = self.reading
         current_A = reading.current_A or (None,) * len(self._watches)
         told = zip(reading.temperature_C, reading.stiffness, reading.faulty, current_A, strict=True)
         for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, told, strict=True):
             watch.take(self.now_s, float(asked_C), *of_segment)
+        heated = self.setpoint_C >= self.problem.robot.heater.soft_setpoint_C
+        self._faults = np.where(heated & reading.faulty, self._faults + 1, 0)
+        for segment in np.flatnonzero(self._faults >= _FAULTS).tolist():
+            here = f"{reading.temperature_C[segment]:z.1f} C: heater or sensor?"
+            raise SegmentError("heater", segment, f"heating does not warm it, {here}")
         believed = tuple(map(self._believed, range(len(self._watches)), reading.stiffness))
         if believed != reading.stiffness:
             self.reading = replace(reading, stiffness=believed)
@@ -350,21 +368,13 @@ class Belief:
 
     def _note_changes(self) -> None:
         """Write down each segment that has become soft or rigid, and was not so before."""
-        soft_C = self.problem.robot.heater.soft_setpoint_C
         for segment, now in enumerate(self.reading.stiffness):
-            asked = "soft" if self.setpoint_C[segment] >= soft_C else "rigid"
-            if asked in (now, self._told[segment]):
-                self._since[segment] = self.now_s
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue
             if self._last_known[segment] != "changing":
                 self.changes.append(Change(self.now_s, segment + 1, now))
                 self.tell("confirmed", f"segment {segment + 1} is {now}")
             self._last_known[segment] = now
-
-    def _goes_on(self, mode: Mode, time_s: float) -> bool:
-        """True if a drive at this time continues the last one."""
-        return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
 
     def _compare(self, mode: Mode, before: Array, after: Array) -> None:
         """Doubt a robot that does not do what it is told; frames are late, so rests count too."""
@@ -398,16 +408,12 @@ class Belief:
         setpoint_C = command.heater_setpoint_C
         watched = zip(self._watches, setpoint_C, strict=True)
         allowed_C = np.array([watch.allowed_C(float(asked_C)) for watch, asked_C in watched])
-        for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
-            self._since[segment] = self.now_s
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
         return replace(command, heater_setpoint_C=allowed_C)
 
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
         """Refuse to drive nearer to something than the guard allows, or into itself."""
         guard = self.guard
-        if guard is not None and (guard.fresh or not self._goes_on(mode, self.now_s)):
-            guard.begin(self.q)
         if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return
         ahead_s = (1 + COASTING) * self.camera.period_s

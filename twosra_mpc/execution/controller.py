@@ -19,7 +19,7 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.doubt import Doubt, DoubtError
 from twosra_mpc.execution.guard import TooNearError
 from twosra_mpc.execution.robot_interface import Command, Reading
-from twosra_mpc.execution.run import Verdict
+from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.coordinates import Array
@@ -46,12 +46,16 @@ class Policy(Protocol):
     """What is done: a plan that is followed, the greedy rule, a plan that is played."""
 
     during: str
+    longest_s: float
 
     def begin(self) -> Activity:
         """What to do at first."""
 
     def troubled(self, trouble: Trouble) -> Next:
         """What to do about a trouble; the robot stands."""
+
+    def verdict(self, ending: Ending, reason: str) -> Verdict:
+        """An ending of the run."""
 
 
 @dataclass(eq=False)
@@ -141,11 +145,14 @@ class Controller:
         try:
             belief.take(reading)
             activity: Next = self._activity or self.policy.begin()
-            if belief.doubt is not None and belief.doubtful:
+            if belief.now_s > (longest_s := self.policy.longest_s):
+                words = f"the run has taken more than {longest_s:z.0f} s"
+                activity = self.policy.verdict(Ending.TIME_LIMIT, words)
+            elif belief.doubt is not None and belief.doubtful:
                 activity = _Suspicion(belief, belief.doubt, activity).look()
         except (SegmentError, DoubtError) as trouble:
             activity = self._troubled(trouble)
-        if belief.silent and belief.stands:  # standing costs nothing
+        if belief.uncertain:  # standing costs nothing
             return belief.give(rest(belief, belief.setpoint_C, belief.camera.period_s))
         return self._carry_out(activity)
 

@@ -8,7 +8,6 @@ goes off when the last phase in which the segment must be soft is done, not at a
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from typing import Literal, NamedTuple, Protocol
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.controller import Next, rest
+from twosra_mpc.execution.controller import Activity, Next, Policy, rest
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -30,20 +29,16 @@ class Abort(NamedTuple):
     """Reason why a plan cannot be followed to its end.
 
     Attributes:
-        kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
-            segment did not become what it should; "camera": nothing sees the robot; "doubt": it
-            does not move as commanded; "near": it was stopped near something; "body": it was
-            stopped near itself; "task": a task is not done where it should be; "lost": an object is
-            not where it was held or put; "time": the run takes too long.
+        kind: "corridor": the rest of the plan does not lead to the goal from here; "camera":
+            nothing sees the robot; "task": a task is not done where it should be; "lost": an object
+            is not where it was held or put.
         text: The same in words.
-        segment: The segment (from 0) whose heater it is.
         stiff: Whether a segment that is reported soft seems to need more time.
         missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
     """
 
-    kind: Literal["corridor", "heater", "camera", "doubt", "near", "body", "task", "lost", "time"]
+    kind: Literal["corridor", "camera", "task", "lost"]
     text: str
-    segment: int = 0
     stiff: bool = False
     missed: Mode | None = None
 
@@ -58,11 +53,9 @@ class Course:
         done: How many phases have ended.
     """
 
-    def __init__(
-        self, belief: Belief, plan: Plan, patience: Patience, longest_s: float = math.inf
-    ) -> None:
+    def __init__(self, belief: Belief, plan: Plan, patience: Patience) -> None:
         """The robot is where the plan starts."""
-        self.belief, self.plan, self.patience, self._longest_s = belief, plan, patience, longest_s
+        self.belief, self.plan, self.patience = belief, plan, patience
         self.clock_s, self.done = 0.0, 0
         self._planned = -1.0, np.empty(0)
 
@@ -70,11 +63,6 @@ class Course:
     def warm_C(self) -> float:
         """Set-point at which a segment is kept warm, surely solid."""
         return warm_setpoint_C(self.plan.robot, self.plan.problem.ambient)
-
-    @cached_property
-    def _start_mode(self) -> Mode:
-        """Asked for in every period of a run."""
-        return self.plan.problem.start_mode
 
     @property
     def setpoint_C(self) -> Array:
@@ -90,7 +78,7 @@ class Course:
     def _setpoint_C(self, segment: int, planned_C: float) -> float:
         heater = self.plan.robot.heater
         soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
-        value = soft if self._start_mode[segment] else rigid
+        value = soft if self.plan.problem.start_mode[segment] else rigid
         for item in own_transitions(self.plan.transitions, segment):
             if self._commanded(item):
                 value = soft if item.to == "soft" else rigid
@@ -140,44 +128,24 @@ class Course:
         """Set-points (n,) that keep soft what is soft in a mode, whatever the plan says."""
         return np.where(mode, self.plan.robot.heater.soft_setpoint_C, setpoint_C)
 
-    def broken(self, mode: Mode, waited_s: float) -> Abort | None:
-        """A run without end, or a segment that does not become what ``mode`` needs."""
-        belief, soft_C = self.belief, self.plan.robot.heater.soft_setpoint_C
-        if belief.now_s > self._longest_s:
-            return Abort("time", f"the run has taken more than {self._longest_s:z.0f} s")
-        for segment, faulty in enumerate(belief.reading.faulty):
-            if faulty and belief.setpoint_C[segment] >= soft_C:
-                here = f"{belief.reading.temperature_C[segment]:z.1f} C: heater or sensor?"
-                text = f"segment {segment + 1}: heating does not warm it, {here}"
-                return Abort("heater", text, segment)
-        return None if belief.mode == mode else self._late(mode, waited_s)
 
-    def _late(self, mode: Mode, waited_s: float) -> Abort | None:
-        """A segment that should have become soft long ago; of rigid ones see `SegmentWatch`."""
-        belief = self.belief
-        for segment, (soft, now) in enumerate(zip(mode, belief.reading.stiffness, strict=True)):
-            planned_s = self.expected_s(segment, "soft")
-            latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
-            asked_s = min(waited_s, belief.in_vain_s(segment))
-            if soft and now not in (None, "soft") and asked_s > latest_s:
-                known = belief.reading.describe(segment)
-                text = f"{known}, not soft after {asked_s:z.0f} s, planned were {planned_s:z.0f} s"
-                return Abort("heater", text, segment)
-        return None
-
-
-class PlanPolicy(Protocol):
+class PlanPolicy(Policy, Protocol):
     """A policy that carries a plan out."""
 
     course: Course
-    during: str
+
+    def begin(self) -> Activity:
+        """Wait for the first phase."""
+        return Waiting(self, 0)
 
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
+        return self.course.setpoint_C
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
+        return self.course.belief.mode == mode
 
     def arrived(self, index: int) -> Next:
         """What to do when a phase may begin, or at the plan's end."""
@@ -207,8 +175,6 @@ class Waiting:
         course.clock_s = min(course.clock_s + now_s - self._before_s, max(until_s, course.clock_s))
         self._before_s = now_s
         ready = policy.ready(mode, until_s)
-        if (abort := course.broken(mode, now_s - self._begun_s)) is not None:
-            return policy.left(abort)
         if ready:
             course.clock_s = until_s
             return policy.arrived(self._index)

@@ -9,6 +9,7 @@ at. A camera that shows the same picture for ever shows a robot that stands.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,10 +35,12 @@ PROOF_S = 30.0  # for which bends prove liquid metal; from the set-point it stay
 STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
 
 
+@dataclass(eq=False)
 class DoubtError(TwosraError):
     """The robot does not move as it is commanded.
 
     Attributes:
+        text: What is commanded, and what is seen.
         bends: Whether it moves, and does not bend.
         final: Whether it has moved so too far to be tried again.
         stalled: Whether it has bent before in this mode: its shape may be one that wheels cannot
@@ -45,17 +48,11 @@ class DoubtError(TwosraError):
         segments: Those (from 0) that do not bend.
     """
 
-    def __init__(
-        self,
-        text: str,
-        *,
-        bends: bool,
-        final: bool = False,
-        stalled: bool = False,
-        segments: tuple[int, ...] = (),
-    ) -> None:
-        self.bends, self.final, self.stalled, self.segments = bends, final, stalled, segments
-        super().__init__(text)
+    text: str
+    bends: bool = field(kw_only=True)
+    final: bool = field(default=False, kw_only=True)
+    stalled: bool = field(default=False, kw_only=True)
+    segments: tuple[int, ...] = field(default=(), kw_only=True)
 
 
 class Doubt:

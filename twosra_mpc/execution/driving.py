@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
+_SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: soft segments differ by up to 0.44 of it, a stiff one by all of it
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
@@ -71,9 +72,10 @@ class Driving:
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
         self.begun = self.belief.q.copy()
+        if self.belief.guard is not None:
+            self.belief.guard.begin(self.begun)
         self._before = self._best = math.inf
         self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
-        self._stood_s: float | None = None  # since when its mode is lost
 
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
@@ -99,13 +101,17 @@ class Driving:
         if (abort := self._outside(planned) or self.mission.dropped()) is not None:
             return run.left(abort)
         time_s = course.clock_s + (belief.camera.period_s if over else 0.0)  # then the path rests
-        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen)).wheel_rad_s
+        slower = 1.0
+        if belief.guard is not None:
+            soon = course.plan.trajectory.configuration(course.clock_s + _SOON_S)
+            slower = belief.guard.pace(np.vstack([belief.q, soon]), belief.deviation)
+        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen, slower)).wheel_rad_s
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
         command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned)
         if not over:
-            pace = min(1.0, self.patience.tube / off) if off else 1.0
+            pace = min(slower, self.patience.tube / off) if off else slower
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s
         if not over or off < self.patience.stuck * self._best:
@@ -115,12 +121,7 @@ class Driving:
     def _standing(self) -> Next | None:
         """What to do while the robot is not in the phase's mode, or nothing sees it."""
         belief, course, mode = self.belief, self.course, self.phase.mode
-        lost = belief.mode != mode
-        if self._stood_s is None or not lost:
-            self._stood_s = belief.now_s
-        if (abort := course.broken(mode, belief.now_s - self._stood_s)) is not None:
-            return self.run.left(abort)
-        if lost:
+        if belief.mode != mode:
             held_C = course.held(self.run.setpoint_C, mode)
             return rest(belief, held_C, self.patience.rest_s, course.planned)
         if not belief.blind:

@@ -45,7 +45,7 @@ class Greedy:
         self._scale = belief.accuracy.scale(self._problem.robot.coordinates)
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self._modes, self._broken = list(self._problem.modes), list[int]()
-        self._doubted = 0
+        self._doubted, self.longest_s = 0, settings.longest_s
         self._stalled: Mode | None = None
         self.during = "before the first mode"
 
@@ -56,15 +56,12 @@ class Greedy:
     def _chosen(self) -> Next:
         """Choose a mode, or end."""
         belief, where = self.belief, self.belief.where
-        if belief.now_s >= self.settings.longest_s:
-            words = f"the run has taken more than {self.settings.longest_s:z.0f} s"
-            return _verdict(Ending.TIME_LIMIT, words)
         if belief.unseen_s > self.settings.patience.unseen_s:
-            return _verdict(*belief.ending_unseen(left=False))
+            return self.verdict(*belief.ending_unseen(left=False))
         failed = [j for j in self._broken if self._problem.goal.mode[j - 1]]
         if failed:
             words = f"{where}; heater {failed[0]} failed, and is needed"
-            return _verdict(Ending.HEATER_FAILED, words)
+            return self.verdict(Ending.HEATER_FAILED, words)
         if belief.accuracy.surely(belief.error):
             return self._arrived(f"the goal is reached: {where}")
         mode = self._choice()
@@ -74,15 +71,15 @@ class Greedy:
             return self._arrived(f"no mode comes nearer, which is near enough: {where}")
         lost = f"; heater {', '.join(map(str, self._broken))} failed" if self._broken else ""
         kind = Ending.HEATER_FAILED if self._broken else Ending.GAVE_UP
-        return _verdict(kind, f"{where}; no mode comes nearer{lost}")
+        return self.verdict(kind, f"{where}; no mode comes nearer{lost}")
 
     def _arrived(self, text: str) -> Next:
         """End, if the robot is as stiff as it should be; else become so, and look again."""
         if self.belief.mode != self._problem.goal.mode:
             return Changing(self, self._problem.goal.mode, self.begin)
         if self.belief.sure(self._scale):
-            return _verdict(Ending.REACHED, text)
-        return _verdict(*self.belief.ending_unseen(left=False))
+            return self.verdict(Ending.REACHED, text)
+        return self.verdict(*self.belief.ending_unseen(left=False))
 
     def _choice(self) -> Mode | None:
         """Mode that comes nearest to the goal; None if none moves any more."""
@@ -131,10 +128,10 @@ class Greedy:
         belief = self.belief
         if isinstance(trouble, SegmentError):
             if trouble.cause != "heater" or trouble.segment + 1 in self._broken:
-                return _verdict(trouble.ending, str(trouble))
-            return self.lost(trouble.segment, "soft")
+                return self.verdict(trouble.ending, str(trouble))
+            return self._lost(trouble.segment)
         if not isinstance(trouble, DoubtError):
-            return _verdict(Ending.TOO_NEAR, f"{trouble}; {belief.where}")
+            return self.verdict(Ending.TOO_NEAR, f"{trouble}; {belief.where}")
         if trouble.stalled:
             self._stalled = belief.drives[-1].mode
             belief.tell("look", str(trouble))
@@ -144,11 +141,15 @@ class Greedy:
             belief.tell("failure", str(trouble))  # one may be soft later than its sensor says
             return Standing(self, self.settings.patience.melt_on_s)
         ending = Ending.SENSOR_FAILED if trouble.bends else Ending.NOT_MOVING
-        return _verdict(ending, str(trouble))
+        return self.verdict(ending, str(trouble))
 
-    def lost(self, segment: int, to: str) -> Activity:
+    def verdict(self, ending: Ending, reason: str) -> Verdict:
+        """An ending of the run."""
+        return Verdict("greedy", ending, reason)
+
+    def _lost(self, segment: int) -> Activity:
         """Go on without the modes in which this segment is soft."""
-        self.belief.tell("failure", f"segment {segment + 1} does not become {to}")
+        self.belief.tell("failure", f"segment {segment + 1} does not become soft")
         if segment + 1 not in self._broken:
             self._broken.append(segment + 1)
         self._modes = [mode for mode in self._modes if not mode[segment]]
@@ -186,13 +187,6 @@ class Changing:
         run, belief = self._run, self._run.belief
         if belief.mode == self._mode:
             return self._then()
-        if belief.now_s >= run.settings.longest_s:
-            return run.begin()
-        each = zip(self._mode, belief.reading.stiffness, strict=True)
-        for segment, (soft, now) in enumerate(each):
-            to = "soft" if soft else "rigid"
-            if now != to and belief.reading.faulty[segment]:  # one that is slow: `SegmentWatch`
-                return run.lost(segment, to)
         return rest(belief, run.setpoint_C(self._mode), run.settings.patience.rest_s)
 
 
@@ -206,6 +200,8 @@ class _Drive:
     def begun(self) -> Next:
         """The robot is in the mode."""
         self._run.began(self._mode)
+        if (guard := self._run.belief.guard) is not None:
+            guard.begin(self._run.belief.q)
         self._farthest_m = float(np.hypot(*self._run.belief.error[:2])) + AWAY_M
         return self
 
@@ -214,8 +210,8 @@ class _Drive:
         run, belief, mode = self._run, self._run.belief, self._mode
         if np.hypot(*belief.error[:2]) > self._farthest_m:
             words = f"{belief.where}; mode {mode_name(mode)} leads away from the goal"
-            return _verdict(Ending.GAVE_UP, words)
-        if belief.mode != mode or belief.now_s >= run.settings.longest_s:
+            return run.verdict(Ending.GAVE_UP, words)
+        if belief.mode != mode:
             return run.begin()
         if belief.blind:  # stand, and choose again if no frames come in
             stands = rest(belief, belief.setpoint_C, belief.camera.period_s)
@@ -230,7 +226,3 @@ class _Drive:
         slower = max(1.0, most / limits.wheel_speed_rad_s)
         slower = max(slower, float(np.abs(v[:2]).max()) / limits.unit_speed_m_s)
         return Command(belief.setpoint_C, period_s, run.pulses.shape(wheels / slower), mode)
-
-
-def _verdict(ending: Ending, reason: str) -> Verdict:
-    return Verdict("greedy", ending, reason)

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, wrapped
+from twosra_mpc.robot.coordinates import POSE, Array, Coordinates, composed, inverse, wrapped
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 
 _WAY_OUT = 0.5  # of the distance at which a rigid drive began
+_SLOWEST = 0.125  # of the planned speed
 
 
 class TooNearError(TwosraError):
@@ -69,21 +71,14 @@ class Guard:
         from twosra_mpc.space.separation import Proximity, arms_m
 
         geometry = problem.robot.geometry
-        self._around, self._patience = (
-            Proximity(world or problem.world, geometry, carried),
-            patience,
-        )
+        self._around = Proximity(world or problem.world, geometry, carried)
+        self._patience = patience
         self._arms_m = arms_m(geometry)
         for piece in carried:
             farthest_m = float(np.linalg.norm(piece, axis=1).max())
             self._arms_m[2] = max(self._arms_m[2], farthest_m)
         self._began_m = self._known_m = np.empty(0)
         self._known_at = problem.start.configuration
-
-    @property
-    def fresh(self) -> bool:
-        """True if no drive has begun yet."""
-        return not self._began_m.size
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""
@@ -97,11 +92,27 @@ class Guard:
             places: Where it is believed to be, and where it may be before it stands, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
+        if not self._began_m.size:
+            self.begin(places[0])
         least_m = self._least_m(mode, deviation)
-        moved_m = float((np.abs(places - self._known_at) @ self._arms_m).max())
-        if (self._known_m - moved_m >= least_m).all():  # it cannot have come so near since
+        if (self._known_m - self._moved_m(places) >= least_m).all():
             return False
         return bool((self._looked_m(places) < least_m).any())
+
+    def pace(self, places: Array, deviation: Array) -> float:
+        """Share of the planned speed, 1 from twice the distance that is too near.
+
+        A robot that is slower is seen better, and may come nearer.
+
+        Args:
+            places: Where it is believed to be, and where it will be soon, (m, 3 + n).
+            deviation: Standard deviation of the belief, (3 + n,).
+        """
+        room_m = (self._known_m - self._moved_m(places))[:-1]
+        least_m = 2 * self.stop_m(deviation)
+        if (room_m < least_m).any():
+            room_m = self._looked_m(places)[:-1]
+        return float(np.clip(2 * room_m.min(initial=least_m) / least_m - 1, _SLOWEST, 1.0))
 
     def stop_m(self, deviation: Array) -> float:
         """Distance that is too near while the belief has a standard deviation (3 + n,) [m]."""
@@ -116,6 +127,10 @@ class Guard:
         distance_m, name = self._around.nearest(q)
         side = "from" if distance_m >= 0 else "beyond"
         return f"{1e3 * abs(distance_m):z.1f} mm {side} {name}"
+
+    def _moved_m(self, places: Array) -> float:
+        """Distance that points of the outline have moved since it was looked at, at most [m]."""
+        return float((np.abs(places - self._known_at) @ self._arms_m).max())
 
     def _looked_m(self, places: Array) -> Array:
         """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""
@@ -159,7 +174,12 @@ class ObjectsSeen:
         """Believe that they are where the problem says."""
         self.poses = np.array([item.pose.pose for item in problem.objects])
         self.in_b0 = composed(inverse(problem.start.configuration[:POSE]), self.poses)
-        self.seen, self._count = False, 0
+        self.seen, self._count, self._share = False, 0, 1.0
+
+    def deviation(self, camera: Camera) -> Array:
+        """Standard deviation of a pose by frames of this camera, (3,) [m, m, rad]."""
+        frame = camera.variance(Coordinates(1))[:POSE]
+        return np.sqrt(self._share * frame) if self.seen else np.zeros(POSE)
 
     def forget(self) -> None:
         """Believe the next frames alone."""
@@ -172,6 +192,7 @@ class ObjectsSeen:
         for frame, poses in zip(frames, objects, strict=True):
             self._count, self.seen = self._count + 1, True
             gain = max(1.0 / self._count, _LEAST_GAIN)
+            self._share = (1 - gain) ** 2 * self._share + gain**2
             self.poses = _towards(self.poses, poses, gain)
             self.in_b0 = _towards(self.in_b0, composed(inverse(frame[:POSE]), poses), gain)
 

@@ -27,6 +27,7 @@ from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation, wrappe
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
+_SURELY = 3.0  # standard deviations within which an object is where it is seen
 _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
@@ -126,7 +127,7 @@ class Mission:
         belief, hold = self.belief, self._hold
         if hold is None or belief.objects is None or not belief.objects.seen:
             return None
-        away_m = _far_m(belief.objects.in_b0[hold.object] - hold.pose_in_b0)
+        away_m = math.hypot(*(belief.objects.in_b0[hold.object] - hold.pose_in_b0)[:2])
         if away_m <= HOLD_M + self._room_m:
             return None
         name = self.problem.objects[hold.object].name
@@ -234,7 +235,7 @@ class Mission:
     def _released(self, task: Release) -> Abort | None:
         """True if the object was moved from where it was carried."""
         goal = self._goals.get(task.object)
-        if goal is None or self._off(goal) <= 1.0:
+        if goal is None or self._off(goal, _SURELY) <= 1.0:
             return None
         if self._put_at is not None:  # how it was dragged along: it will be so again
             (pose, q), now = self._put_at, self.poses()[self._numbers[task.object]]
@@ -249,7 +250,7 @@ class Mission:
         if seen is None or not seen.seen:
             return None
         in_b0 = seen.in_b0[grip.object]
-        away_m = _far_m(in_b0 - grip.pose_in_b0)
+        away_m = math.hypot(*(in_b0 - grip.pose_in_b0)[:2])
         cage = cage_of(self.problem, self.belief.q, grip.object, in_b0)
         if cage is not None and cage.proved:
             self._room_m = cage.room_m
@@ -269,10 +270,15 @@ class Mission:
             phi_rad = float(self.poses()[self._numbers[task.object], 2])
         return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
 
-    def _off(self, task: Carry) -> float:
-        """Distance of the object from where it is carried, in units of `ACCURACY`."""
-        (far_m, turn_rad) = self._away(task)
-        return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
+    def _off(self, task: Carry, deviations: float = 0.0) -> float:
+        """Distance of the object from where it is to be, in units of `ACCURACY`.
+
+        With so many standard deviations of where it is seen, if it is.
+        """
+        objects, camera = self.belief.objects, self.belief.camera
+        unsure = np.zeros(POSE) if objects is None else deviations * objects.deviation(camera)
+        far_m, turn_rad = self._away(task)
+        return max((far_m + unsure[0]) / ACCURACY[0], (turn_rad + unsure[2]) / ACCURACY[2])
 
     def _away(self, task: Carry) -> tuple[float, float]:
         number = self._numbers[task.object]
@@ -355,10 +361,6 @@ def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
         turn_rad = abs(math.remainder(pose[2] - task.phi_rad, math.tau))
         turn_rad = max(turn_rad - task.heading_tolerance_rad, 0.0)
     return max(far_m, 0.0), turn_rad
-
-
-def _far_m(away: Array) -> float:
-    return math.hypot(away[0], away[1])
 
 
 def _name(task: Task) -> str:

@@ -12,7 +12,6 @@ from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.belief import Metal
 from twosra_mpc.execution.controller import Activity, Next, look_at_objects, rest
-from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
 from twosra_mpc.planning.planner import plan_again
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
 SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertain
 _DECISION_WORK = 200.0  # units, a third of a second: commands go on meanwhile once a second
+_ROOM_WORK = 4000.0  # units, 6 s: for one that keeps more than is asked
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 
 
@@ -40,23 +40,20 @@ class Replanning:
     segment goes on to what it was becoming.
     """
 
-    def __init__(self, run: Following) -> None:
-        """Leave a plan."""
-        self._run, self._belief = run, run.belief
-        self._cooled, self._until_s, self._told = set[int](), self._belief.now_s, False
-        self._resting = False
-        self._left: Problem | None = None  # what is being planned
-
-    def begin(self, *, melting_on: bool = False, cooling: bool = False) -> Activity:
-        """Stand.
+    def __init__(self, run: Following, *, melting_on: bool = False, cooling: bool = False) -> None:
+        """Leave a plan.
 
         Args:
+            run: The run.
             melting_on: Hold what is soft for a while, so that all of it melts.
             cooling: Let all segments become solid.
         """
-        if melting_on:
-            self._until_s += self._run.melt_on_s()
-        return self._cool() if cooling else self
+        self._run, self._belief = run, run.belief
+        self._until_s = run.belief.now_s + (run.melt_on_s() if melting_on else 0.0)
+        self._cooled = set(range(len(run.belief.setpoint_C)) if cooling else ())
+        self._told = self._resting = False
+        self._left: Problem | None = None  # what is being planned
+        run.driving = None
 
     def _cool(self) -> Activity:
         self._cooled = set(range(len(self._belief.setpoint_C)))
@@ -65,9 +62,6 @@ class Replanning:
     def advance(self) -> Next:
         """Stand, and look at objects; while the rest is planned, stand on."""
         run, belief, settings = self._run, self._belief, self._run.settings
-        if belief.now_s > settings.longest_s:
-            words = f"the run has taken more than {settings.longest_s:z.0f} s"
-            return run.verdict(Ending.TIME_LIMIT, words)
         if self._left is not None:
             return self._planned(self._left)
         stiffness, solid = belief.reading.stiffness, run.broken | self._cooled
@@ -76,7 +70,9 @@ class Replanning:
         if changing or belief.now_s < self._until_s or not self._told:
             self._told = True  # to stand
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
-        if run.mission.holding is not None and not self._rigid:  # no soft robot holds anything
+        if run.mission.holding is not None and set(stiffness) != {
+            "rigid"
+        }:  # no soft robot holds anything
             return self._cool()
         return look_at_objects(belief, settings.patience, self._plan)
 
@@ -111,11 +107,7 @@ class Replanning:
         if run.missed:
             run.missed.clear()  # any plan is better than none
             return self
-        return run.no_plan(why)
-
-    @property
-    def _rigid(self) -> bool:
-        return set(self._belief.reading.stiffness) == {"rigid"}
+        return run.narrower() or run.no_plan(why)
 
     def _as_they_become(self) -> Array:
         """Set-points that let every segment become, or stay, what it is becoming, (n,)."""
@@ -142,7 +134,11 @@ def what_is_left(run: Following) -> Problem | None:
         return None
     missed, most = run.missed, _MISSES
     avoided = {mode for mode in missed if sum(mode) > 1 and missed.count(mode) > most}
-    return remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
+    left = remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
+    if run.clearance_m <= left.clearance_m:
+        return left
+    work = min(left.work_limit, _ROOM_WORK)
+    return left.with_values(clearance_m=run.clearance_m, work_limit=work)
 
 
 def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:

@@ -290,9 +290,8 @@ def _run(data: dict[str, Any], source: str) -> Run:
         drives=tuple(Drive(**{**each, "mode": tuple(each["mode"])}) for each in data["drives"]),
         events=tuple(RunEvent(**each) for each in data["events"]),
         log=_log(data["log"]),
-        done_s=tuple(data.get("done_s", ())),  # younger than version 1
-        lost=data.get("lost", 0),
-        **{name: data[name] for name in ("executor", "reason", "replans", "corrections")},
+        done_s=tuple(data["done_s"]),
+        **{name: data[name] for name in ("executor", "reason", "replans", "corrections", "lost")},
     )
 
 
@@ -300,9 +299,7 @@ def _log(columns: dict[str, Any]) -> RunLog:
     arrays: dict[str, Array] = {
         item.name: np.array(columns[item.name], dtype=float)  # None becomes NaN
         for item in fields(RunLog)
-        if item.name != "mode" or "mode" in columns
     }
-    arrays.setdefault("mode", np.full_like(arrays["stiffness"], np.nan))  # younger than version 1
     if len({len(column) for column in arrays.values()}) != 1:
         raise ValueError("the columns of the log differ in length")
     return RunLog(**arrays)

@@ -38,6 +38,7 @@ class Disturbance:
         camera: Noise and rounding of the frames.
         delay_frames: Least and largest delay of the frames.
         planning_s: How long the rest is planned when it is; the last command stays in force.
+        clearance_m: With so much of it the guard stops no rigid drive.
     """
 
     slip: Share = 0.0
@@ -55,6 +56,7 @@ class Disturbance:
     camera: Camera = field(default_factory=Camera)
     delay_frames: Annotated[tuple[Count, Count], Range()] = (0, 0)
     planning_s: NonNegative = 0.0
+    clearance_m: NonNegative = 0.005
 
 
 _ROUNDING: OfKind = (1e-3, 0.02, 1.0)  # of the camera in the logs
@@ -85,6 +87,9 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "camera": (_camera(0.5), _camera(1.0), _camera(2.0)),  # once: as between phases of the logs
     "delay_frames": ((1, 1), (1, 2), (2, 2)),  # assumed, of 15 Hz
     "planning_s": (1.0, 2.0, 5.0),  # half of them take less than 0.5 s, among obstacles some 5 s
+    # The most that one of 96 to 103 drives of 2sra-v1 in free space needed, rounded up:
+    # ``python -m benchmarks departure``. Nine of ten drives at `hard` need 39 mm.
+    "clearance_m": (0.015, 0.025, 0.075),
 }
 
 LEVELS: dict[str, Disturbance] = {
@@ -94,12 +99,6 @@ LEVELS: dict[str, Disturbance] = {
         for column, level in enumerate(("mild", "moderate", "hard"))
     },
 }
-
-
-# With so much clearance the guard stops no rigid drive of 2sra-v1: the most that one of 96 to 103
-# drives in free space needed, rounded up: ``python -m benchmarks departure``. Nine of ten drives at
-# `hard` need 39 mm.
-CLEARANCE_M: dict[str, float] = {"none": 0.005, "mild": 0.015, "moderate": 0.025, "hard": 0.075}
 
 
 def disturbance_level(name: str) -> Disturbance:

@@ -80,12 +80,10 @@ class PathMotion:
 
     def at_rest(self, segments: Segments) -> bool:
         """Always: nothing but wheels moves it."""
-        del segments
         return True
 
     def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:
         """Roll for a period; metal that is changing does not bend yet."""
-        del duration_s
         mode = tuple(int(segment.soft) for segment in segments)
         grip = self._grip * (1 + self._what.slip_noise * self._noise.standard_normal(WHEELS))
         drift, share = self._drift.get(mode, Drift()), self._bends.get(mode, 1.0)
@@ -139,7 +137,6 @@ class PhysicsMotion:
         Raises:
             RobotError: If its state diverges.
         """
-        del q
         try:
             return self._engine.roll(turned, _melted(segments), duration_s)
         except DivergedError as error:

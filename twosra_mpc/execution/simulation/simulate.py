@@ -226,7 +226,7 @@ def simulate(
         seed: Of all that is drawn at random.
         executor: "optimal", or "greedy".
         plan: A plan of the problem, if there is one already.
-        settings: Of the executor; by default it knows the level's dead zone.
+        settings: Of the executor; by default it knows the level's dead zone and clearance.
         broken_heaters: Segments (from 1) whose heater never warms.
         viewer: Show the motion in the viewer of plant "mujoco".
 
@@ -242,7 +242,8 @@ def simulate(
     robot = SimulatedRobot(
         problem, plant, level, seed, broken_heaters=broken_heaters, viewer=viewer
     )
-    chosen = settings or ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
+    dead_rad_s, room_m = level.dead_zone_rad_s, level.clearance_m
+    chosen = settings or ExecutorSettings(dead_zone_rad_s=dead_rad_s, clearance_m=room_m)
     if executor == "greedy":
         run = Executor(robot, chosen).drive(problem)
     else:

@@ -48,6 +48,7 @@ class Measurement(ArrayValue):
             plus the time since.
         phase: Index of the phase to track, None between phases.
         q: Configuration [x m, y m, phi rad, kappa1 ... kappan 1/m], (3 + n,).
+        pace: Share of the planned speed at which it goes on from there, from 1 / `PARTS` to 1.
 
     Raises:
         InputError: If a value is not a finite number.
@@ -56,6 +57,7 @@ class Measurement(ArrayValue):
     time_s: float
     phase: int | None
     q: ArrayLike
+    pace: float = 1.0
 
     def __post_init__(self) -> None:
         q = np.array(self.q, dtype=float)
@@ -103,12 +105,13 @@ class PhaseReference:
         self._start_s = phase.start_s
         self._last = float(count - 1 + self._rest)
 
-    def write(self, time_s: float, into: Array) -> None:
-        """Write the outputs at ``time_s`` of the plan and at the samples that follow."""
+    def write(self, time_s: float, into: Array, pace: float = 1.0) -> None:
+        """Write the outputs at ``time_s`` of the plan, and those that follow at a pace."""
+        apart = max(1, round(PARTS * pace))
         place = (time_s - self._start_s) / self._grid_s + self._rest
         place = min(max(place, 0.0), self._last)
         first = int(place)
-        rows = slice(first, first + self._rest + 1, PARTS)
+        rows = slice(first, first + self._rest // PARTS * apart + 1, apart)
         np.multiply(self._slopes[rows], place - first, out=into)
         into += self._outputs[rows]
 
@@ -233,7 +236,7 @@ class Tracker:
                 return self._stop(CommandStatus.HELD, heaters, "the wheels stop between phases")
         program.measured[:] = measurement.q
         program.wheels[:] = self.last_command.wheel_rad_s
-        path.write(measurement.time_s, program.reference)
+        path.write(measurement.time_s, program.reference, measurement.pace)
         self._solved_last = program
         quality = program.solve()
         if quality is Quality.UNUSABLE:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Activity, Next, Trouble, rest
-from twosra_mpc.execution.course import Abort, Course, Waiting
+from twosra_mpc.execution.course import Abort, Course, PlanPolicy, Waiting
 from twosra_mpc.execution.robot_interface import Command, RobotError
 from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.settings import Patience
@@ -44,7 +44,7 @@ def wheel_commands(trajectory: Trajectory, phase: Phase, rate_Hz: float) -> list
     ]
 
 
-class Playing:
+class Playing(PlanPolicy):
     """A policy: phases begin when reports confirm what they need, wheels turn as planned.
 
     A robot that reports nothing begins its phases, and switches its heaters, at the plan's times.
@@ -54,38 +54,37 @@ class Playing:
         during: What the run is at, in words.
     """
 
+    longest_s = math.inf
+
     def __init__(self, belief: Belief, plan: Plan, patience: Patience, *, reports: bool) -> None:
         """The robot is where the plan starts."""
         self.course, self._reports = Course(belief, plan, patience), reports
         self.during = "before the plan begins"
 
-    def begin(self) -> Activity:
-        """Wait for the first phase."""
-        return Waiting(self, 0)
-
     @property
     def setpoint_C(self) -> Array:
         """Set-points of the plan now, (n,)."""
         course = self.course
-        if self._reports:
-            return course.setpoint_C
-        return course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
+        planned_C: Array = course.plan.trajectory.heater_setpoint_C([course.clock_s])[0]
+        return course.setpoint_C if self._reports else planned_C
 
     def ready(self, mode: Mode, planned_s: float) -> bool:
         """True if the robot may drive in ``mode``, planned from ``planned_s`` on."""
-        if self._reports:
-            return self.course.belief.mode == mode
-        return self.course.clock_s >= planned_s - SAME_TIME_S
+        in_time = self.course.clock_s >= planned_s - SAME_TIME_S
+        return super().ready(mode, planned_s) if self._reports else in_time
 
     def arrived(self, index: int) -> Next:
         """Play a phase, or end."""
         course, plan = self.course, self.course.plan
         if index == len(plan.phases):
-            reason = "the plan was sent to its end"
-            return Verdict("stream", Ending.LOGGED, reason, (plan,), (course.begun,))
+            return self.verdict(Ending.LOGGED, "the plan was sent to its end")
         self.during = f"in {course.name(index)}"
         course.belief.tell("drive", f"{course.name(index)} begins")
         return _Phase(self, index)
+
+    def verdict(self, ending: Ending, reason: str) -> Verdict:
+        """An ending of the run."""
+        return Verdict("stream", ending, reason, (self.course.plan,), (self.course.begun,))
 
     def learnt(self, index: int, what: str) -> None:
         """There is no other plan."""
@@ -115,7 +114,6 @@ class _Phase:
         self._phase = course.plan.phases[index]
         rate_Hz = course.belief.camera.rate_Hz
         self._orders = wheel_commands(course.plan.trajectory, self._phase, rate_Hz)
-        self._waits_s = course.belief.now_s
 
     def advance(self) -> Next:
         policy, course, belief = self._policy, self._policy.course, self._policy.course.belief
@@ -125,13 +123,10 @@ class _Phase:
             course.clock_s = max(course.clock_s, self._phase.end_s)
             return Waiting(policy, self._index + 1)
         ready = policy.ready(mode, course.clock_s)
-        if (abort := course.broken(mode, belief.now_s - self._waits_s)) is not None:
-            return policy.left(abort)
         if not ready:
             setpoint_C = course.held(policy.setpoint_C, mode)
             return rest(belief, setpoint_C, course.patience.rest_s, course.planned)
         order = self._orders.pop(0)
-        self._waits_s = belief.now_s
         command = Command(
             policy.setpoint_C, belief.camera.period_s, order.wheel_rad_s, mode, course.planned
         )
