@@ -56,7 +56,7 @@ from twosra_mpc.robot.modes import RIGID, SOFT_1
 
 TINY = ('problems=["tiny:2"]', "repeats=1")
 ONE = 'problems=["published:1"]'
-GOALS = ("goals", "count=40")
+GOALS = ("goals", "count=20")
 
 
 def arguments(folder: Path, name: str, *settings: str) -> list[str]:
@@ -137,8 +137,9 @@ def test_every_study_has_a_larger_set_that_is_measured_by_the_same_code(name: st
     usual = STUDIES[name]
     full = type(usual).parse({**usual.model_dump(), **FULL.get(name, {})}, name)
     assert (name in FULL) == (full != usual)
-    count = len(list(usual.cases()))
-    assert len(list(itertools.islice(full.cases(), count))) == count
+    assert len(list(itertools.islice(full.cases(), 2))) == len(
+        list(itertools.islice(usual.cases(), 2))
+    )
 
 
 def test_modules_that_are_mistaken_have_tests_beside_them() -> None:
