@@ -73,15 +73,6 @@ def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: f
     assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", range(100, 104))
-def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: int) -> None:
-    result = plan(random_problem(seed)).require()
-    assert result.status is Status.OPTIMAL
-    greedy = plan(random_problem(seed, planner="greedy"))
-    if greedy.found:
-        assert result.duration_s <= greedy.plan.duration_s + 1e-9
-
-
 def test_the_search_finds_what_solving_every_sequence_finds() -> None:
     """With fast metal, where motion decides; with the robot's, see ``test_any_start``."""
     problem = random_problem(21, robot=faster_robot(100.0), gap=0.001, max_phases=4)
