@@ -327,7 +327,7 @@ def test_the_top_level_stays_small() -> None:
 # Nine lines ask again for an interrupt that a callback of Python swallowed.
 MOST_CORE_LINES, MOST_CORE_FILES = 27_742, 203
 MOST_LINES = 35_453
-MOST_LINES_OF_TESTS = 31_864
+MOST_LINES_OF_TESTS = 31_866
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 291, 45  # paper-1, planned once before
 
 

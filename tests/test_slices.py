@@ -96,6 +96,8 @@ def test_convex_parts_fill_their_obstacles_and_are_convex() -> None:
     hulls = [shapely.MultiPoint(part).convex_hull.area for part in parts]
     assert areas == pytest.approx(hulls)
     assert sum(areas) == pytest.approx(5 + 3)
+    alone = convex_parts(np.array(corners, dtype=float))
+    assert all(shapely.is_ccw(shapely.LinearRing(part)) for part in alone)
     assert len(parts) <= 5
     assert len(merged([np.array([(i, 0), (i + 1, 0), (i + 1, 1), (i, 1)]) for i in range(5)])) == 1
 
