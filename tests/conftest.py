@@ -19,7 +19,7 @@ for _ending in ("SIGINT", "SIGHUP", "SIGQUIT"):  # what nohup or a shell's & ign
     if (number := getattr(signal, _ending, None)) and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, signal.default_int_handler if _ending == "SIGINT" else signal.SIG_DFL)
 
-settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
 
 

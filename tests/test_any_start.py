@@ -46,7 +46,7 @@ def half_molten(*fractions: float, timing: str = "nominal", seed: int = 21) -> P
     return problem.with_values(start=problem.start.with_values(melt_fraction=fractions))
 
 
-@pytest.mark.parametrize(("seed", "timing"), [(seed, TIMINGS[seed % 3]) for seed in range(25)])
+@pytest.mark.parametrize(("seed", "timing"), [(seed, TIMINGS[seed % 3]) for seed in range(15)])
 def test_a_plan_from_any_state_is_verified_and_no_bound_is_above_its_cost(
     seed: int, timing: str
 ) -> None:
@@ -99,15 +99,14 @@ def resting_times(made: Plan, rng: np.random.Generator, count: int) -> list[floa
 
 
 @pytest.mark.parametrize("timing", TIMINGS)
-@pytest.mark.parametrize("seed", range(2))
-def test_what_is_left_of_a_plan_takes_what_was_left(seed: int, timing: str) -> None:
+def test_what_is_left_of_a_plan_takes_what_was_left(timing: str) -> None:
     """Dynamic programming: no sooner at the goal than the bound says, nor later by more than a gap.
 
     However far its metal has changed: planned again from there, half molten or half frozen.
     """
-    problem = random_problem(seed, robot=ROBOT, gap=0.005, timing=timing, motion="fastest")
+    problem = random_problem(1, robot=ROBOT, gap=0.005, timing=timing, motion="fastest")
     made = plan(problem).require()
-    for t in resting_times(made, np.random.default_rng(seed), 5):
+    for t in resting_times(made, np.random.default_rng(1), 5):
         again = plan(made.rest_at(t)).require()
         assert again.verification.ok
         assert made.lower_bound is not None
@@ -118,8 +117,7 @@ def test_what_is_left_of_a_plan_takes_what_was_left(seed: int, timing: str) -> N
         assert again.duration_s <= left / (1 - problem.gap) + 1e-3
 
 
-@pytest.mark.parametrize("share", [0.3, 0.75])
-@pytest.mark.parametrize("scenario", ["pick-and-place", "grasp-cube"])
+@pytest.mark.parametrize(("scenario", "share"), [("pick-and-place", 0.3), ("grasp-cube", 0.75)])
 def test_what_is_left_of_a_mission_has_a_plan_above_its_bound(scenario: str, share: float) -> None:
     """The robot has closed around its object, and its metal is not rigid yet: it need only wait.
 

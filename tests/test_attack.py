@@ -32,7 +32,7 @@ from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import Thermal
 
-MANY = range(12)  # of more: python -m benchmarks attack
+MANY = range(9)  # of more: python -m benchmarks attack
 
 attacked = cache(attack)
 
@@ -230,7 +230,7 @@ def test_reconfiguring_may_take_less_than_melting_from_cold(seed: int) -> None:
         assert made.bears(claim.bound), claim
 
 
-@pytest.mark.parametrize("seed", [59, 100, 116, 123, 134])
+@pytest.mark.parametrize("seed", [59, 100, 116])
 def test_what_verification_accepts_is_not_proved_impossible(seed: int) -> None:
     made = attacked(seed)
     assert "within the tolerance" in made.features
@@ -243,7 +243,7 @@ def test_no_forged_file_is_verified_below_what_is_proved(name: str, tmp_path: Pa
     """Nor does one save more than is taken off every bound for what verification forgives."""
     result = forgery.planned(name)
     cost = result.require().cost.total
-    found = [forgery.tried(result, seed, tmp_path) for seed in range(20)]
+    found = [forgery.tried(result, seed, tmp_path) for seed in range(12)]
     assert max(each.below_s for each in found) <= 0
     saved = [each.saved_s for each in found if each.verified]
     assert len(saved) > 2  # what changes nothing, or less than is forgiven

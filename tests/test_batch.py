@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cloudpickle
-import dask
 import numpy as np
 import pandas as pd
 import pytest
@@ -296,23 +295,33 @@ def test_a_worker_that_dies_loses_nothing(client: Client, undisturbed: pd.DataFr
 class _Deadly(WorkerPlugin):
     """Has a worker die of one problem, as a solver that crashes would."""
 
+    name = "deadly"
+
     def setup(self, worker: Worker) -> None:
         del worker
-        real = folder.plan
+        self._real = folder.plan
 
         def deadly(problem: Problem) -> object:
             if problem.time_limit_s == 103.0:
                 os._exit(1)
-            return real(problem)
+            return self._real(problem)
 
         folder.plan = deadly
 
+    def teardown(self, worker: Worker) -> None:
+        del worker
+        folder.plan = self._real
 
-def test_a_problem_that_kills_every_worker_is_a_row() -> None:
+
+def test_a_problem_that_kills_every_worker_is_a_row(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
     spec = Spec(scenario="rigid-move", grid={"time_limit_s": [101.0, 103.0]})
-    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), local_cluster(1) as client:
-        client.register_plugin(_Deadly())
-        frame = table(client, spec)
+    monkeypatch.setattr(client.cluster.scheduler, "allowed_failures", 0)
+    client.register_plugin(_Deadly())
+    frame = table(client, spec)
+    client.unregister_worker_plugin("deadly")
+    client.wait_for_workers(2)
     assert frame["verified"].tolist() == [True, False]
     assert frame["status"][1] == "failed"
     assert "every worker that planned it died" in frame["message"][1]

@@ -56,7 +56,7 @@ from twosra_mpc.robot.modes import RIGID, SOFT_1
 
 TINY = ('problems=["tiny:2"]', "repeats=1")
 ONE = 'problems=["published:1"]'
-GOALS = ("goals", "count=40")
+GOALS = ("goals", "count=20")
 
 
 def arguments(folder: Path, name: str, *settings: str) -> list[str]:
@@ -124,21 +124,14 @@ def test_memory_that_grows_is_told_per_robot() -> None:
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_every_study_has_cases_that_are_told_apart_by_their_names(name: str) -> None:
-    study = STUDIES[name]
-    assert type(study).parse(study.model_dump(mode="json"), name) == study  # as its log has it
-    cases = [json.dumps(case._asdict()) for case in study.cases()]
-    assert cases
-    assert len(set(cases)) == len(cases)
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_every_study_has_a_larger_set_that_is_measured_by_the_same_code(name: str) -> None:
+def test_every_study_has_cases_of_their_own_names_and_a_larger_set(name: str) -> None:
     usual = STUDIES[name]
+    assert type(usual).parse(usual.model_dump(mode="json"), name) == usual  # as its log has it
+    cases = [json.dumps(case._asdict()) for case in usual.cases()]
+    assert len(set(cases)) == len(cases) > 0
     full = type(usual).parse({**usual.model_dump(), **FULL.get(name, {})}, name)
     assert (name in FULL) == (full != usual)
-    count = len(list(usual.cases()))
-    assert len(list(itertools.islice(full.cases(), count))) == count
+    assert next(full.cases())
 
 
 def test_modules_that_are_mistaken_have_tests_beside_them() -> None:

@@ -35,8 +35,7 @@ ROBOTS = {**SPIRALS, **ARCS}
 
 each_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
 each_spiral = pytest.mark.parametrize("robot", SPIRALS.values(), ids=SPIRALS.keys())
-for_all = settings(deadline=None, max_examples=25, derandomize=True)
-for_some = settings(deadline=None, max_examples=12, derandomize=True)
+for_some = settings(max_examples=12)
 
 
 def between(bound: float) -> st.SearchStrategy[float]:
@@ -77,7 +76,6 @@ def coordinate_rates(robot: Robot, kappas: tuple[float, float], mode: Mode, v: A
 
 @each_robot
 @given(kappa=curvatures)
-@for_all
 def test_the_coordinate_is_odd(robot: Robot, kappa: float) -> None:
     coordinate = bending(robot).coordinate
     assert coordinate(0.0) == 0.0
@@ -141,7 +139,6 @@ def test_the_coordinate_grows_by_its_density(robot: Robot, kappa: float, step: f
     kappas=st.tuples(curvatures, curvatures),
     v=st.tuples(between(0.03), between(0.03)).map(np.array),
 )
-@for_all
 def test_with_both_soft_both_coordinates_change_at_one_rate(
     robot: Robot, kappas: tuple[float, float], v: Array
 ) -> None:
@@ -151,7 +148,6 @@ def test_with_both_soft_both_coordinates_change_at_one_rate(
 
 @each_spiral
 @given(kappas=st.tuples(curvatures, curvatures), v=st.tuples(between(0.03), between(0.03)))
-@for_all
 def test_on_the_spiral_that_rate_is_the_sum_of_the_speeds(
     robot: Robot, kappas: tuple[float, float], v: tuple[float, float]
 ) -> None:

@@ -66,7 +66,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
     problem = random_problem(seed, robot=robot)
     task = bending_task(problem)
     found = 0
-    for sequence in list(sequences())[seed % 4 :: 4]:
+    for sequence in list(sequences())[seed % 6 :: 6]:
         if unreachable_reason(sequence, task):
             continue
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)
@@ -129,9 +129,8 @@ def test_bends_of_the_relaxation_add_up_to_the_task() -> None:
     assert np.isfinite(bound.times).all()
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_with_fast_metal_the_change_of_pose_raises_the_bound(seed: int) -> None:
-    problem = random_problem(seed, robot=faster_robot(50.0))
+def test_with_fast_metal_the_change_of_pose_raises_the_bound() -> None:
+    problem = random_problem(1, robot=faster_robot(50.0))
     result = plan(problem).require()
     sequence = tuple(phase.mode for phase in result.phases)
     sequence = sequence if sequence[-1] == RIGID else (*sequence, RIGID)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from twosra_mpc.effort import Ending
@@ -83,7 +83,6 @@ def exact(costs: dict[Path, float], slack: dict[Path, float], depth: int = 3) ->
     return RandomTree(costs, slack, dict(costs), depth)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
 @given(costs=COSTS)
 def test_tight_bounds_give_the_brute_force_optimum_and_solve_one_leaf(
     costs: dict[Path, float],
@@ -95,7 +94,6 @@ def test_tight_bounds_give_the_brute_force_optimum_and_solve_one_leaf(
     assert len(tree.solved) == result.solved == 1
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
 @given(
     costs=COSTS,
     slack=st.dictionaries(PATHS, st.floats(0.0, 30.0)),
@@ -115,7 +113,6 @@ def test_cost_is_the_optimum_or_within_the_gap_and_the_bound_is_below_the_optimu
         assert result.cost == optimum
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
 @given(
     costs=COSTS,
     slack=st.dictionaries(PATHS, st.floats(0.0, 30.0)),
@@ -143,7 +140,6 @@ def test_the_bound_stays_valid_with_local_solves_depth_limits_and_time_limits(
     assert (result.solution is None) == (result.cost == math.inf)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
 @given(costs=COSTS, wrong=st.sets(PATHS, max_size=10))
 def test_the_best_is_found_of_the_solutions_that_are_confirmed(
     costs: dict[Path, float], wrong: set[Path]

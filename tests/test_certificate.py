@@ -67,8 +67,8 @@ def freed(problem: Problem) -> Problem:
 V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")
 NARROW = {"x_m": 0.05, "y_m": 0.1, "phi_rad": 0.3}
 PROBLEMS = {
-    **{f"paper-{n}": load_problem(f"paper-{n}") for n in (1, 2, 4)},
-    **{f"paper-{n}, spirals": load_problem(f"paper-{n}", robot="2sra-v1-paper") for n in (1, 2)},
+    **{f"paper-{n}": load_problem(f"paper-{n}") for n in (1,)},
+    **{f"paper-{n}, spirals": load_problem(f"paper-{n}", robot="2sra-v1-paper") for n in (2,)},
     "three segments": load_problem("three-segments"),
     "exact arcs": exactly(random_problem(1, V1)),
     "corrected spirals": random_problem(

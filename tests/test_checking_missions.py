@@ -16,12 +16,12 @@ from grasps import drawn
 from jsonschema import Draft7Validator
 from missions import RADIUS_M, made, pick_and_place, picked, repeated, times
 
-from twosra_mpc import InputError, Problem, Result, Status, load_plan, load_robot
+from twosra_mpc import InputError, Problem, Result, Status, load_plan, load_problem, load_robot
 from twosra_mpc.checking.clearance import Carrying, robot_distances_m
 from twosra_mpc.checking.holds import cage_proved, pushes
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.surroundings import closest_approach
-from twosra_mpc.checking.sweep import swept, uncertain_m
+from twosra_mpc.checking.sweep import swept, touched_in, uncertain_m
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
@@ -300,6 +300,13 @@ def test_what_is_carried_stays_within_the_workspace() -> None:
     assert found.limits["workspace_m"] == pytest.approx(1e-3, abs=2e-4)
     (problem,) = told(pushing(workspace={"y_m": (-1.0, top - 1e-3)}))
     assert problem.startswith("the cup leaves the workspace by 1 mm at ")
+
+
+def test_what_was_lain_along_may_be_touched_until_the_next_task_is_done() -> None:
+    problem = load_problem("conform-cylinder")
+    tasks = [*problem.tasks, *({"do": "reach", "x_m": x_m} for x_m in (0.1, 0.2))]
+    touched = [touched_in(problem.with_values(tasks=tasks), stage) for stage in range(3)]
+    assert touched == [{"cylinder"}, {"cylinder"}, set()]
 
 
 def test_only_what_is_grasped_may_be_touched() -> None:

@@ -380,17 +380,6 @@ def test_an_interrupt_outside_the_search_has_no_plan(
 # --- the installed program -----------------------------------------------------------------------
 
 
-def test_the_package_runs_as_a_module() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "twosra_mpc", "--version"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == f"twosra, version {__version__}\n"
-
-
 def test_the_program_is_installed() -> None:
     program = shutil.which("twosra", path=str(Path(sys.executable).parent)) or "twosra"
     done = subprocess.run(

@@ -21,8 +21,7 @@ def confirmed_s(made: Plan) -> float:
     return made.confirmed_s
 
 
-@pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-paper"])
-@pytest.mark.parametrize("number", [2, 5])
+@pytest.mark.parametrize(("robot", "number"), [("2sra-v1", 5), ("2sra-v1-paper", 2)])
 def test_a_robot_as_described_takes_the_confirmed_time(robot: str, number: int) -> None:
     """Published problems with one freeze and with two, whose melts are in series."""
     made = planned(f"paper-{number}", robot=robot)

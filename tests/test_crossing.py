@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -22,7 +22,6 @@ SHAPES: dict[str, Callable[[float], float]] = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 @given(root=st.floats(0.01, 99.0), side=st.sampled_from([-1.0, 1.0]))
-@settings(max_examples=25)
 def test_crossings_are_those_that_brent_finds(shape: str, root: float, side: float) -> None:
     def function(t: float) -> float:
         return side * SHAPES[shape](t - root)

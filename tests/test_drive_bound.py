@@ -11,7 +11,13 @@ from problems import ROBOT, at_once
 from scipy.optimize import linprog
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
-from twosra_mpc.planning.bounds.drive_bound import _Drive, _slices, least_drive_time
+from twosra_mpc.planning.bounds.drive_bound import (
+    _FINEST_SLICES,
+    _best_slices,
+    _Drive,
+    _slices,
+    least_drive_time,
+)
 from twosra_mpc.planning.bounds.rigid_motion import least_time, twist_vertices
 from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.problem.speeds import rigid_rows
@@ -98,6 +104,21 @@ def test_the_slices_hold_every_twist_between_them(seed: int) -> None:
             corners = np.vstack(ends)
             rows = np.vstack([corners.T, np.ones(len(corners))])
             assert linprog(np.zeros(len(corners)), A_eq=rows, b_eq=[*twist, 1.0]).status == 0
+
+
+def test_of_all_slices_those_are_taken_that_lose_least() -> None:
+    """What they lose is by how much they are larger than what they hold, and a grid's steps."""
+    rows, width = rigid_rows(ROBOTS[0], (30.0, -15.0)), 0.01
+    vertices = twist_vertices(rows)
+    assert vertices is not None
+    losses = dict[int, float]()
+    for m in range(1, _FINEST_SLICES + 1):
+        slices, over = _slices(rows, vertices, m)
+        rates = vertices[:, 2].max() / m * np.arange(-m, m + 1)
+        twists = [np.insert(uv, 2, r, axis=1) for uv, r in zip(slices, rates, strict=True)]
+        assert over == pytest.approx(np.abs(np.vstack(twists) @ rows.T).max() - 1, abs=1e-12)
+        losses[m] = over + (m + 2) / 4 * width
+    assert len(_best_slices(rows, vertices, width)) // 2 == min(losses, key=losses.__getitem__)
 
 
 def test_a_straight_robot_that_drives_ahead_is_bounded_within_2_percent() -> None:

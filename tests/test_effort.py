@@ -124,7 +124,6 @@ LONG: dict[str, dict[str, object]] = {  # each would take far more than it may
         "gap": 0.0,
     },
     "doorway": {},
-    "tidy-up": {},
     "three-segments": {"gap": 0.0, "max_phases": 12},
 }
 

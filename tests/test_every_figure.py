@@ -32,7 +32,7 @@ Made = Callable[[str], Plan]
 def films(made: Plan) -> Iterator[Figure]:
     """Pictures of a film, one after the other in the same figure."""
     scene = Scene(plan_playback(made), ("robot", "done"), 10.0)
-    for row in range(0, 1001, 200):
+    for row in range(0, 1001, 500):
         scene.show(row)
         yield scene.figure
 
@@ -64,9 +64,10 @@ FIGURES: dict[str, Callable[[Made], Iterator[Figure]]] = {
 @pytest.mark.parametrize("name", FIGURES)
 def test_words_and_curves_of_every_figure_are_seen(name: str) -> None:
     for figure in FIGURES[name](lambda scenario: solved(scenario).require()):
-        for (words, box), (others, place) in itertools.combinations(drawn_words(figure), 2):
+        drawn = drawn_words(figure)
+        for (words, box), (others, place) in itertools.combinations(drawn, 2):
             assert not box.overlaps(place), f"{words!r} lies on {others!r}"
-        for words, box in drawn_words(figure):
+        for words, box in drawn:
             assert figure.bbox.count_contains(box.corners()) == 4, f"{words!r} is cut off"
         for ax in figure.axes:
             for under, over in itertools.combinations(curves(ax), 2):

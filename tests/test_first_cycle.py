@@ -77,6 +77,26 @@ def test_transitions_of_a_warm_segment_take_about_what_the_network_says(
     assert (0.995 if sequence == FREEZE else 0.85) <= share <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize(
+    ("robot", "start_C", "body_C", "lengths_s", "least"),
+    [
+        (ROBOT, 45.0, 45.0, (0.0,) * 5, 0.97),
+        (ROBOT, 40.0, 40.0, (110.0, 15.0, 40.0), 0.885),
+        (V2, 50.0, 30.0, (0.0,) * 3, 0.89),
+    ],
+)
+def test_windows_of_a_warm_segment_are_counted(
+    robot: Robot, start_C: float, body_C: float, lengths_s: tuple[float, ...], least: float
+) -> None:
+    body = (body_C, body_C) if robot is V2 else None
+    given: dict[str, Any] = {"temperature_C": (start_C, start_C), "body_temperature_C": body}
+    problem = thermal_problem(robot, **given, transition_quantile=0.9)
+    found = settled(problem, sequence := TWICE[: len(lengths_s)], lengths_s)
+    assert found is not None
+    network = thermal_model(problem).network(sequence, RIGID, lengths_s)
+    assert least <= earliest_finish(network) / found.finish_s <= 1.0 + 1e-9
+
+
 @pytest.mark.parametrize(("start_C", "most"), [(25.0, 0.02), (40.0, 0.02), (50.0, 0.05)])
 @pytest.mark.parametrize("seed", [1, 3, 6])
 def test_the_follow_up_robot_starts_warm_with_a_small_gap(

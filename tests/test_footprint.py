@@ -67,7 +67,6 @@ def material_points(robot: Robot, kappa: Array) -> Array:
 
 
 @given(robots, seeds, st.sampled_from([2e-4, 5e-4, 2e-3]))
-@settings(max_examples=30)
 def test_outer_pieces_hold_the_robot(robot: Robot, seed: int, sagitta_m: float) -> None:
     kappa = shape_of(robot, seed)
     made = footprint(robot.geometry, kappa, sagitta_m)
@@ -79,7 +78,6 @@ def test_outer_pieces_hold_the_robot(robot: Robot, seed: int, sagitta_m: float) 
 
 
 @given(robots, seeds, st.sampled_from([2e-4, 5e-4, 2e-3]))
-@settings(max_examples=30)
 def test_the_robot_holds_inner_pieces(robot: Robot, seed: int, sagitta_m: float) -> None:
     kappa = shape_of(robot, seed)
     made = footprint(robot.geometry, kappa, sagitta_m)
@@ -90,7 +88,6 @@ def test_the_robot_holds_inner_pieces(robot: Robot, seed: int, sagitta_m: float)
 
 
 @given(robots, seeds)
-@settings(max_examples=30)
 def test_pieces_are_convex_and_counter_clockwise(robot: Robot, seed: int) -> None:
     made = footprint(robot.geometry, shape_of(robot, seed))
     for pieces in (made.outer, made.inner, made.shrunk(1e-3).inner):
@@ -100,7 +97,6 @@ def test_pieces_are_convex_and_counter_clockwise(robot: Robot, seed: int) -> Non
 
 
 @given(robots, seeds, st.floats(0.0, 8e-3))
-@settings(max_examples=30)
 def test_shrunk_pieces_keep_away_from_the_edges_of_their_own(
     robot: Robot, seed: int, by_m: float
 ) -> None:
@@ -127,7 +123,6 @@ def test_what_is_thinner_than_twice_the_shrinking_is_gone() -> None:
 
 
 @given(robots, seeds, seeds)
-@settings(max_examples=30)
 def test_bending_moves_no_point_farther_than_it_says(robot: Robot, one: int, other: int) -> None:
     a, b = shape_of(robot, one), shape_of(robot, other)
     b = a + (b - a) * np.random.default_rng(one + other).choice([1.0, 0.1, 0.01])

@@ -8,7 +8,7 @@ from typing import Self
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -85,7 +85,6 @@ def test_a_driven_goal_set_is_bounded_by_its_box() -> None:
 coordinate = st.one_of(st.none(), st.floats(-3, 3))
 
 
-@settings(max_examples=50, deadline=None)
 @given(
     st.tuples(coordinate, coordinate, coordinate, coordinate, coordinate),
     st.tuples(*[st.floats(0, 1)] * 5),

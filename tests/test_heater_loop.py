@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from heater_loop import HeaterRun, LinearMap, Profile, simulate_heater, stretches
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
@@ -283,7 +283,6 @@ LAGS_S = st.sampled_from([(2.0, 0.0), (4.0, 4.0), (8.0, 0.0), (1.0, 5.0)])
     lags_s=LAGS_S,
     parts=st.tuples(TOLERANCE, TOLERANCE, TOLERANCE),
 )
-@settings(max_examples=25)
 def test_reports_are_true_whatever_is_commanded(
     profile: list[tuple[float, Stiffness]],
     ohm: float,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from thermal_problems import (
@@ -50,7 +50,6 @@ def made(
 # --- what happens when ---------------------------------------------------------------------------
 
 
-@settings(max_examples=30)
 @given(
     problem=thermal_problems(transition_quantile=None),
     waits=st.lists(st.floats(0.0, 500.0), min_size=4, max_size=4),
@@ -80,7 +79,6 @@ def test_the_metal_passes_its_thresholds_when_the_trajectory_says(
         before = item.done_s
 
 
-@settings(max_examples=25)
 @given(problem=thermal_problems(), spans=SPANS_S)
 def test_currents_that_vary_are_sampled_with_their_energy_and_effect(
     problem: Problem, spans: list[float]
@@ -133,7 +131,6 @@ def heated_slowly(heating: HeatingPlan, state: State, lead_s: float) -> float:
 
 
 @robots
-@settings(max_examples=25)
 @given(start_C=st.floats(5.0, 50.0), wait=st.floats(60.0, 900.0), earlier=st.floats(0.01, 1.0))
 def test_heating_earlier_takes_more_energy(
     robot: Robot, start_C: float, wait: float, earlier: float
@@ -151,7 +148,6 @@ def test_heating_earlier_takes_more_energy(
 
 
 @robots
-@settings(max_examples=25)
 @given(start_C=st.floats(5.0, 50.0), wait=st.floats(60.0, 900.0), later=st.floats(0.01, 5.0))
 def test_the_heater_goes_on_at_the_latest_and_off_at_the_earliest(
     robot: Robot, start_C: float, wait: float, later: float
@@ -231,7 +227,6 @@ def test_without_a_price_a_drive_in_between_keeps_the_segment_warm(quantile: flo
     assert trajectory.model.temperature_C(held.state) == pytest.approx(58.0)
 
 
-@settings(max_examples=30)
 @given(
     quantile=st.sampled_from([0.6, 0.8, 0.95]),
     gap=st.floats(0.0, 2000.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from problems import ROBOT
 
@@ -38,7 +38,6 @@ def every_operation() -> ca.Function:
 BOX = st.tuples(st.floats(-2.9, 6.0), st.floats(0.0, 3.0))
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
 @given(first=BOX, second=BOX, seed=st.integers(0, 2**32 - 1))
 def test_every_value_lies_in_the_enclosure(
     first: tuple[float, float], second: tuple[float, float], seed: int

@@ -53,8 +53,7 @@ each_mode = pytest.mark.parametrize("mode", MODES, ids=mode_name)
 each_soft_mode = pytest.mark.parametrize("mode", [SOFT_2, SOFT_1, SOFT_BOTH], ids=mode_name)
 each_unit = pytest.mark.parametrize("unit", [0, 1], ids=["LU1", "LU2"])
 
-for_all = settings(deadline=None, max_examples=25, derandomize=True)
-for_some = settings(deadline=None, max_examples=12, derandomize=True)
+for_some = settings(max_examples=12)
 
 
 def between(bound: float) -> st.SearchStrategy[float]:
@@ -237,7 +236,6 @@ def geometric_column(robot: Robot, q: Array, mode: Mode, unit: int) -> Array:
 @each_soft_mode
 @each_arc
 @given(q=configurations)
-@for_all
 def test_arc_columns_are_the_finite_differences_of_the_geometry(
     robot: Robot, mode: Mode, unit: int, q: Array
 ) -> None:
@@ -248,7 +246,6 @@ def test_arc_columns_are_the_finite_differences_of_the_geometry(
 
 @each_robot
 @given(q=configurations)
-@for_all
 def test_rigid_columns_move_the_link_along_its_own_axes(robot: Robot, q: Array) -> None:
     def moved(twist: complex, turn: float, share: float) -> Array:
         pose = link_pose(q) @ Pose(share * twist, share * turn)
@@ -283,7 +280,6 @@ def test_the_unit_that_is_not_driven_stays_where_it_is(
 
 @each_robot
 @given(q=configurations)
-@for_all
 def test_the_link_turns_by_the_bend_of_the_segment_whose_end_is_held(
     robot: Robot, q: Array
 ) -> None:
@@ -296,7 +292,6 @@ def test_the_link_turns_by_the_bend_of_the_segment_whose_end_is_held(
 
 @each_robot
 @given(q=configurations)
-@for_all
 def test_a_unit_next_to_the_only_soft_segment_does_not_move_the_link(
     robot: Robot, q: Array
 ) -> None:
@@ -306,7 +301,6 @@ def test_a_unit_next_to_the_only_soft_segment_does_not_move_the_link(
 
 @each_robot
 @given(q=configurations)
-@for_all
 def test_positive_speeds_raise_the_curvatures_of_soft_segments_only(robot: Robot, q: Array) -> None:
     for mode in MODES:
         bend = jacobian(robot, q, mode)[3:, :2]
@@ -353,7 +347,6 @@ def test_the_kinematics_is_the_same_from_every_pose(robot: Robot, q: Array, trav
 
 @each_robot
 @given(q=configurations)
-@for_all
 def test_mirroring_the_robot_exchanges_its_segments(robot: Robot, q: Array) -> None:
     """Reflect in the world's y axis: x, phi and the two sides change, y and kappa do not."""
     reflect = np.array([-1.0, 1.0, -1.0, 1.0, 1.0])
@@ -441,7 +434,6 @@ def test_bend_rates_of_the_spirals_against_the_exact_ones(
 
 
 @given(q=configurations)
-@for_all
 def test_spiral_bend_rates_are_even_in_curvature(q: Array) -> None:
     opposite = np.array([q[0], q[1], q[2], -q[3], -q[4]])
     for mode in MODES:
@@ -470,7 +462,6 @@ def spiral_rates(robot: Robot) -> Callable[[float], Array]:
 
 
 @given(alpha=between(0.1))
-@for_all
 def test_spiral_derivatives_are_finite_differences_near_zero(alpha: float) -> None:
     rates = spiral_rates(SPIRAL)
     step = 1e-4  # smoothing is over 1e-2 rad
@@ -506,7 +497,6 @@ def test_the_unsmoothed_spiral_would_have_a_kink_of_a_fifth_per_radian() -> None
 
 
 @given(alpha=between(math.pi))
-@for_all
 def test_smoothing_changes_rates_by_less_than_a_third_of_a_percent(alpha: float) -> None:
     """The angle is at most eps short, so that spiral k is off by at most exp(b eps / m) - 1."""
     smooth, kinked = spiral_rates(SPIRAL)(alpha)[0], spiral_rates(KINKED)(alpha)[0]
@@ -519,7 +509,6 @@ def test_smoothing_changes_rates_by_less_than_a_third_of_a_percent(alpha: float)
 
 @each_soft_mode
 @given(q=configurations)
-@for_all
 def test_the_spiral_jacobian_is_the_published_one_started_here(mode: Mode, q: Array) -> None:
     published = SCALE[:, None] * published_jacobian(q, q, mode)
     found = SCALE[:, None] * jacobian(KINKED, q, mode)
@@ -531,7 +520,6 @@ def test_the_spiral_jacobian_is_the_published_one_started_here(mode: Mode, q: Ar
 
 
 @given(q=configurations)
-@for_all
 def test_wheels_are_where_the_geometry_puts_them(q: Array) -> None:
     poses = kinematics(SPIRAL).wheel_poses(q).full()
     expected = wheels_in_link(q)

@@ -7,7 +7,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from once import planned
 from problems import at_once
@@ -43,7 +43,6 @@ ARC = at_once(LIMITED)
 
 
 @pytest.mark.parametrize("robot", ROBOTS[1::2], ids=lambda r: str(r.coordinates.segments))
-@settings(max_examples=25, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10_000))
 def test_margins_of_shapes_by_hand(robot: Robot, seed: int) -> None:
     limit = 1.2 * robot.limits.curvature_per_m

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -105,7 +105,6 @@ def integrated(
 
 
 @given(MODELS, SHARES, CURRENTS_A, DURATIONS_S)
-@settings(max_examples=50)
 def test_propagation_solves_the_equation_through_all_regimes(
     model: Lumped, share: float, current_A: float, duration_s: float
 ) -> None:
@@ -258,7 +257,6 @@ def test_full_current_has_no_stable_liquid_equilibrium() -> None:
 
 
 @given(MODELS, SHARES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
-@settings(max_examples=30)
 def test_many_times_at_once_are_each_time_by_itself(
     model: Lumped, share: float, current_A: float, durations_s: list[float]
 ) -> None:
@@ -273,7 +271,6 @@ def test_many_times_at_once_are_each_time_by_itself(
 
 
 @given(MODELS, SHARES, st.lists(st.tuples(st.floats(0.0, 60.0), CURRENTS_A), min_size=1))
-@settings(max_examples=30)
 def test_currents_are_replayed_one_after_the_other(
     model: Lumped, share: float, steps: list[tuple[float, float]]
 ) -> None:

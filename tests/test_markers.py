@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
@@ -49,7 +49,6 @@ def apart(found: Array, q: Array) -> Array:
     return off
 
 
-@settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), robot_of_three=st.booleans())
 def test_the_configuration_behind_the_poses_is_found_from_nothing(
     seed: int, robot_of_three: bool

@@ -336,7 +336,7 @@ def test_a_number_in_another_unit_is_planned_with_and_doubted(
     old: str, new: str, words: tuple[str, ...], run_as_is: Run, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.toml").write_text(SCENARIO.replace(old, new, 1), encoding="utf-8")
-    code, out, err = run_as_is("plan", "mine.toml", "--quiet", "--time-limit", "0.5")
+    code, out, err = run_as_is("plan", "mine.toml", "--quiet", "--work-limit", "1")
     assert code in (0, 3, 4), err
     assert out == ""
     assert err.startswith("twosra: warning: mine.toml: ")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from once import planned, solved
 from problems import ROBOT, at_once, bound_of, network_of, random_problem
@@ -144,7 +144,6 @@ def test_no_weight_is_no_change() -> None:
     assert (plain.samples.q == zero.samples.q).all()
 
 
-@settings(max_examples=25)
 @given(
     kappa=st.tuples(st.floats(-40, 40), st.floats(-40, 40)),
     mode=st.sampled_from([SOFT_1, SOFT_2, SOFT_BOTH]),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from once import planned
 from problems import ROBOT, at, goal_tree, network_of, random_problem
@@ -129,7 +129,6 @@ def test_to_freeze_everything_in_between_may_be_quicker_and_take_less_heat(price
     assert tree.bound(at((SOFT_2,))) <= leaf
 
 
-@settings(max_examples=50)
 @given(problem=thermal_problems(), sequence=SEQUENCES, mode=st.sampled_from(MODES))
 def test_a_phase_appended_never_makes_the_transitions_quicker_or_cheaper(
     problem: Problem, sequence: ModeSequence, mode: Mode
@@ -141,7 +140,6 @@ def test_a_phase_appended_never_makes_the_transitions_quicker_or_cheaper(
     assert more.transitions >= shorter.transitions
 
 
-@settings(max_examples=50)
 @given(problem=thermal_problems(), sequence=SEQUENCES, cut=st.integers(1, 6))
 def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
     problem: Problem, sequence: ModeSequence, cut: int

@@ -107,10 +107,6 @@ def alike(old: str, new: str) -> bool:
     return all(math.isclose(float(a), float(b), rel_tol=0.03, abs_tol=0.02) for a, b in pairs)
 
 
-def test_there_are_notebooks() -> None:
-    assert NOTEBOOKS
-
-
 @each_notebook
 def test_the_notebook_runs_and_says_what_it_is_saved_with(path: Path, shell: Shell) -> None:
     saved = nbformat.read(path, as_version=4)

@@ -16,7 +16,7 @@ from twosra_mpc.contact.touch import grasp_touches
 from twosra_mpc.execution.simulation.object_plant import SQUEEZED_M, ObjectPlant
 from twosra_mpc.robot.coordinates import POSE, composed, inverse
 from twosra_mpc.space.footprint import footprints
-from twosra_mpc.space.penetration import Pieces
+from twosra_mpc.space.penetration import Pieces, Thing
 from twosra_mpc.space.separation import placed
 
 Array = NDArray[np.float64]
@@ -61,6 +61,24 @@ def depth_m(problem: Problem, pose: Array, q: Array) -> float:
     pieces = placed(footprints(ROBOT.geometry, q[None, POSE:], 5e-5)[0][0], q[None, :POSE])[0]
     found = ObjectPlant(problem, ROBOT.geometry)._things[0].deepest(pose, Pieces(pieces))
     return 0.0 if found is None else found.depth_m
+
+
+def test_how_deep_things_lie_is_told_by_the_sides_of_both() -> None:
+    """A box of 40 mm beside the side of a square, and beside its corner."""
+    problem = among(thing(BOX, 0.0, 0.0))
+    (item,) = ObjectPlant(problem, ROBOT.geometry)._things
+    square = np.array([[-0.01, -0.01], [0.01, -0.01], [0.01, 0.01], [-0.01, 0.01]])
+    found = item.deepest(np.array([0.028, 0.003, 0.0]), Pieces(square[None]))
+    assert found is not None
+    assert found.depth_m == pytest.approx(0.002)
+    turn = math.sqrt(0.5) * np.array([[1.0, 1.0], [-1.0, 1.0]])
+    standing = Pieces((square @ turn)[None])
+    assert item.deepest(np.array([0.0274, 0.0274, 0.0]), standing) is None
+    found = item.deepest(np.array([0.0265, 0.0265, 0.0]), standing)
+    assert found is not None
+    assert found.depth_m == pytest.approx(0.01 - math.sqrt(0.5) * 0.013, abs=1e-9)
+    outline = {"polygon_m": [[-0.01, -0.01], [0.05, 0.0], [-0.01, 0.01]]}
+    assert Thing(among(thing(outline, 0.0, 0.0)).objects[0]).radius_m == pytest.approx(0.05)
 
 
 def test_a_caged_disc_follows_whatever_the_robot_does() -> None:

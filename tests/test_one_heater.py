@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from problems import random_problem
 from thermal_problems import (
     SEQUENCES,
@@ -54,7 +54,6 @@ def test_no_two_heaters_are_on_at_once_and_that_never_costs_less(timing: str, se
     assert costs[0][1] >= 0.99 * costs[1][1]
 
 
-@settings(max_examples=30)
 @given(problem=thermal_problems(heaters_at_once=1), sequence=SEQUENCES, spans=SPANS_S)
 def test_dwells_of_a_settled_schedule_do_not_overlap_and_keep_its_network(
     problem: Problem, sequence: ModeSequence, spans: list[float]

@@ -58,9 +58,9 @@ def test_a_goal_is_planned_alike_however_it_is_said(name: str) -> None:
     check_alike(solution(problem), plan(before_the_goal(problem)))
 
 
-@pytest.mark.parametrize("number", range(10))
+@pytest.mark.parametrize("number", range(2, 7))
 def test_random_problems_are_planned_alike_as_goals_and_as_tasks(number: int) -> None:
-    """Three of ten among obstacles, within a workspace."""
+    """The first of them among obstacles, within a workspace."""
     problem = random_scene(number) if number < 3 else random_problem(200 + number)
     check_alike(solution(problem), plan(as_task(problem)))
     if number >= 3:

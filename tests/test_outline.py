@@ -60,7 +60,6 @@ def walked(g: Geometry, q: np.ndarray) -> list[np.ndarray]:
     return [frame(*q[:3]) @ np.linalg.inv(b0) @ one for one in frames]
 
 
-@settings(deadline=None, derandomize=True, max_examples=25)
 @given(placed_robots())
 def test_every_part_is_where_a_walk_along_the_fibre_comes_to(
     robot: tuple[Geometry, np.ndarray],
@@ -92,7 +91,7 @@ def test_every_part_is_where_a_walk_along_the_fibre_comes_to(
             assert math.dist(corners[2], corners[1]) == pytest.approx(g.wheel_thickness_m)
 
 
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(max_examples=20)
 @given(placed_robots())
 def test_segments_are_arcs_of_the_right_length_and_curvature(
     robot: tuple[Geometry, np.ndarray],
@@ -108,7 +107,6 @@ def test_segments_are_arcs_of_the_right_length_and_curvature(
         np.testing.assert_allclose(turns / length[1:], kappa, rtol=1e-3, atol=1e-5)
 
 
-@settings(deadline=None, derandomize=True, max_examples=25)
 @given(WHEELS.filter(distinct), st.lists(st.floats(-60, 60), min_size=2, max_size=2))
 def test_overridden_wheels_are_drawn_where_they_drive(
     wheels: tuple[Wheel, ...], kappa: list[float]

@@ -55,7 +55,7 @@ def test_no_plan_costs_less_than_the_bound_by_parts(seed: int, factor: float) ->
         bound, _ = parts_of(problem, sequence)
         free = free_bends(sequence, task)
         assert free
-        for scale in (0.0, *np.geomspace(0.02, 0.5, 8)):
+        for scale in (0.0, *np.geomspace(0.02, 0.5, 4)):
             choice = tuple((scale * rng.choice(ends),) * 2 for ends in free)
             bends = middle_bends(sequence, task.change, choice)
             start = problem.start.configuration
@@ -64,7 +64,7 @@ def test_no_plan_costs_less_than_the_bound_by_parts(seed: int, factor: float) ->
             if made is not None:
                 found += 1
                 assert bound <= made.times.max() + 1e-9, sequence
-    assert found >= 10
+    assert found >= 6
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)

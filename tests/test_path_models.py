@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from problems import ROBOT, random_problem
 
@@ -84,7 +84,6 @@ def test_straight_arcs_turn_the_other_wheel_of_the_moving_unit_too() -> None:
 
 
 @pytest.mark.parametrize("model", PATH_MODELS)
-@settings(deadline=None, derandomize=True, max_examples=25)
 @given(
     kappa=st.tuples(st.floats(-75, 75), st.floats(-75, 75)),
     speeds=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from once import planned, solved
@@ -660,7 +660,6 @@ def test_configurations_at_a_rate_are_continuous() -> None:
     assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
 
 
-@settings(max_examples=25)
 @given(rate_Hz=st.floats(0.01, 40.0))
 def test_any_rate_keeps_the_ends_of_the_plan(rate_Hz: float) -> None:
     found = planned("rigid-move")

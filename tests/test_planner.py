@@ -73,19 +73,9 @@ def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: f
     assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", range(100, 106))
-def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: int) -> None:
-    result = plan(random_problem(seed)).require()
-    assert result.status is Status.OPTIMAL
-    greedy = plan(random_problem(seed, planner="greedy"))
-    if greedy.found:
-        assert result.duration_s <= greedy.plan.duration_s + 1e-9
-
-
-@pytest.mark.parametrize("factor", [None, 100.0])
-def test_the_search_finds_what_solving_every_sequence_finds(factor: float | None) -> None:
-    robot = ROBOT if factor is None else faster_robot(factor)  # thermal or constant times
-    problem = random_problem(21, robot=robot, gap=0.001, max_phases=4)
+def test_the_search_finds_what_solving_every_sequence_finds() -> None:
+    """With fast metal, where motion decides; with the robot's, see ``test_any_start``."""
+    problem = random_problem(21, robot=faster_robot(100.0), gap=0.001, max_phases=4)
     solver, task = GoalSolver(only_goal(problem)), bending_task(problem)
     best = math.inf
     for n in (1, 2):
@@ -118,7 +108,7 @@ def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
     assert not result.samples.v.any()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_pure_pose_change_melts_nothing_and_has_a_proved_gap(seed: int) -> None:
     problem = random_problem(seed)
     shape = problem.start.kappa_per_m
@@ -235,12 +225,15 @@ def test_a_trusted_guess_that_does_not_verify_is_searched_for_anew(
     assert result.stats.sequences_bounded == expected.stats.sequences_bounded  # not once more
 
 
-@pytest.mark.parametrize("weights", [{}, {"effort": 300.0}, {"energy_s_per_J": 9.9}])
+@pytest.mark.parametrize(
+    ("name", "weights"),
+    [("paper-2", {}), ("rigid-move", {"effort": 300.0}), ("paper-2", {"energy_s_per_J": 9.9})],
+)
 def test_a_bound_above_the_cost_of_the_plan_is_a_contradiction(
-    weights: dict[str, float], monkeypatch: pytest.MonkeyPatch
+    name: str, weights: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is never lowered to the cost, and called proved: the search's own cost is no excuse."""
-    problem = load_problem("paper-2", motion="fastest", weights=weights)
+    problem = load_problem(name, motion="fastest", weights=weights)
     cost = plan(problem).require().cost.total
 
     def raised(*given: Any, **options: Any) -> Any:

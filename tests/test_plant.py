@@ -65,7 +65,7 @@ def test_wheels_that_agree_move_the_robot_as_the_model_says(
         if mode == RIGID
         else np.array([0.02, -0.01, 0, 0, 0])
     )
-    pieces = 400
+    pieces = 200
     believed, rolled = q, q
     flow = interval_flow(robot, 4)
     for _ in range(pieces):

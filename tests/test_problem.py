@@ -686,11 +686,6 @@ def test_the_robot_of_the_paper_has_the_sleeps_of_the_paper() -> None:
     )
 
 
-def test_every_published_problem_is_built_in() -> None:
-    assert set(PUBLISHED) <= set(scenario_names())
-    assert scenario_names() == sorted(scenario_names())
-
-
 def test_wheel_places_follow_from_the_lengths() -> None:
     geometry = load_robot("2sra-v1").geometry  # 33 mm link, 42 mm unit, 15 mm wheel
     assert geometry.side_wheel_m == pytest.approx(0.033 + 0.042 + 0.0075)

@@ -51,7 +51,7 @@ KAPPA = st.tuples(st.floats(-40, 40), st.floats(-40, 40))
 LEG = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1), st.floats(0.05, 2.0))
 
 
-@settings(deadline=None, derandomize=True, max_examples=15)
+@settings(max_examples=10)
 @given(kappa=KAPPA, legs=st.lists(LEG, min_size=1, max_size=3), heading=st.floats(-3, 3))
 def test_no_admissible_motion_is_faster_than_the_bound(
     kappa: tuple[float, float], legs: list[tuple[float, float, float, float]], heading: float

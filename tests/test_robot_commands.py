@@ -45,7 +45,7 @@ def test_a_plan_ends_at_its_goal_under_its_own_path_model_and_elsewhere_under_ot
     assert made[arc].require().duration_s > made[spiral].require().duration_s
 
 
-@pytest.mark.parametrize("model", ["log_spiral", "log_spiral_corrected", "cardioid"])
+@pytest.mark.parametrize("model", ["log_spiral_corrected", "cardioid"])
 def test_fit_paths_writes_a_robot_that_keeps_its_comments(model: str, tmp_path: Path) -> None:
     target, figure = tmp_path / "fitted.toml", tmp_path / "paths.png"
     arguments = ["fit-paths", "2sra-v1-paper", "--out", str(target), "--model", model]

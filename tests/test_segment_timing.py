@@ -77,7 +77,6 @@ def finish_by_hand(sequence: ModeSequence, segments: int, heaters: int) -> float
     return now
 
 
-@settings(max_examples=50)
 @given(count=COUNTS, data=st.data(), one_heater=st.booleans())
 def test_the_earliest_finish_is_that_of_a_plan_by_hand(
     count: int, data: st.DataObject, one_heater: bool
@@ -94,7 +93,6 @@ def test_the_earliest_finish_is_that_of_a_plan_by_hand(
         assert set(network.least) <= set(network.layout.pairs())
 
 
-@settings(max_examples=30)
 @given(count=COUNTS, data=st.data())
 def test_waits_do_not_depend_on_how_many_segments_change(count: int, data: st.DataObject) -> None:
     sequence = data.draw(sequences(count))
@@ -121,7 +119,6 @@ def test_one_heater_or_all_and_nothing_in_between(segments: int) -> None:
 # --- nothing undercuts it ------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(problem=thermal_problems(robots=(UNEQUAL, MIXED)), sequence=sequences(3), spans=SPANS_S)
 def test_no_history_of_three_segments_undercuts_the_least_times_and_energies(
     problem: Problem, sequence: ModeSequence, spans: list[float]

@@ -173,7 +173,7 @@ def test_bending_coordinates_of_soft_segments_change_alike(robot: Robot) -> None
 
 
 @pytest.mark.parametrize("robot", ROBOTS[::2], ids=NAMES[::2])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(data=st.data())
 def test_no_bend_is_faster_than_its_proved_rate(robot: Robot, data: st.DataObject) -> None:
     limit, n = robot.limits.curvature_per_m, robot.coordinates.segments

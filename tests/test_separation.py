@@ -133,7 +133,6 @@ def test_the_edge_of_the_workspace_may_be_touched(kept_m: float) -> None:
 
 
 @given(seeds)
-@settings(max_examples=25)
 def test_convex_parts_are_the_polygon(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 12)))

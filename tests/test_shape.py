@@ -40,7 +40,7 @@ def test_the_papers_wheels_lose_control_only_where_the_units_overlap() -> None:
         assert framed.unit_gap_m < square.unit_gap_m
 
 
-@pytest.mark.parametrize("segments", [1, 3, 4])
+@pytest.mark.parametrize("segments", [1, 3])
 def test_singular_shapes_of_any_number_of_segments_are_the_nearest_ones(segments: int) -> None:
     """They lose rank to rounding, and thousands of shapes nearer the straight one keep theirs."""
     whole = load_robot("3sra")
@@ -57,9 +57,9 @@ def test_singular_shapes_of_any_number_of_segments_are_the_nearest_ones(segments
     assert all(smallest(np.array(shape.kappa_per_m)) < 1e-6 for shape in found)
     limit = robot.limits.curvature_per_m
     least = min((np.linalg.norm(shape.kappa_per_m) for shape in found), default=limit)
-    direction = rng.normal(size=(2000, segments))
+    direction = rng.normal(size=(1000, segments))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    nearer = np.clip(0.97 * least * direction * rng.uniform(0.5, 1, (2000, 1)), -limit, limit)
+    nearer = np.clip(0.97 * least * direction * rng.uniform(0.5, 1, (1000, 1)), -limit, limit)
     assert min(map(smallest, nearer)) > 1e-3
 
 

@@ -81,6 +81,14 @@ def test_a_convex_outline_is_one_part_however_short_its_sides_are(corners: int) 
     np.testing.assert_array_equal(part, outline)
 
 
+def test_points_on_the_sides_of_a_convex_outline_are_no_corners() -> None:
+    square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
+    along = np.linspace(square, np.roll(square, -1, axis=0), 8)[:-1]
+    dense = turned(np.moveaxis(along, 0, 1).reshape(1, -1, 2), np.array([0.3]))[0, 0]
+    (part,) = convex_parts(dense)
+    np.testing.assert_array_equal(part, dense[::7])
+
+
 def test_convex_parts_fill_their_obstacles_and_are_convex() -> None:
     corners = [(0, 0), (3, 0), (3, 2), (2, 2), (2, 1), (1, 1), (1, 2), (0, 2)]
     parts = obstacle_parts([Obstacle(polygon_m=corners), Obstacle(polygon_m=corners[:3])])
@@ -88,6 +96,8 @@ def test_convex_parts_fill_their_obstacles_and_are_convex() -> None:
     hulls = [shapely.MultiPoint(part).convex_hull.area for part in parts]
     assert areas == pytest.approx(hulls)
     assert sum(areas) == pytest.approx(5 + 3)
+    alone = convex_parts(np.array(corners, dtype=float))
+    assert all(shapely.is_ccw(shapely.LinearRing(part)) for part in alone)
     assert len(parts) <= 5
     assert len(merged([np.array([(i, 0), (i + 1, 0), (i + 1, 1), (i, 1)]) for i in range(5)])) == 1
 
@@ -110,7 +120,7 @@ def sampled(worlds: int, count: int, headings: int = 72) -> tuple[int, int]:
 
 
 def test_what_is_certified_is_free_and_what_is_free_is_possible() -> None:
-    certified, free = sampled(worlds=4, count=150)
+    certified, free = sampled(worlds=4, count=60)
     assert 0.6 * free < certified < free
 
 
@@ -125,12 +135,12 @@ def decide(world: World, headings: int) -> str:
 
 
 def test_a_corridor_made_narrower_goes_from_certified_to_blocked_and_never_back() -> None:
-    widths = np.arange(90, 50, -2)
+    widths = np.arange(90, 50, -4)
     order = ["certified", "undecided", "blocked"]
     found = [order.index(decide(corridor(mm / 1e3), 72)) for mm in widths]
     assert found == sorted(found)
     assert {found[0], found[-1]} == {0, 2}
-    assert found.count(1) * 2 <= 30
+    assert found.count(1) * 4 <= 30
 
 
 def test_finer_slices_decide_more() -> None:
@@ -141,7 +151,7 @@ def test_finer_slices_decide_more() -> None:
     assert bands[0] > bands[1]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_mirrored_scene_has_mirrored_slices(seed: int) -> None:
     world, kappa = random_world(seed), (30.0, -10.0)
     flipped = [np.array(part) * [1, -1] for part in obstacle_parts(world.obstacles)]

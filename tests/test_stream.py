@@ -88,14 +88,16 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 # --- to the end ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["paper-2", "three-segments"])
+@pytest.mark.parametrize(
+    ("scenario", "rate_Hz"), [("paper-2", RATE_HZ), ("three-segments", SLOW_HZ)]
+)
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
-    scenario: str,
+    scenario: str, rate_Hz: float
 ) -> None:
     plan = planned(scenario, robot=regulating(load_problem(scenario).robot))
     firmware = SimulatedFirmware(plan)
-    drives = send(plan, firmware, RATE_HZ, confirm=Confirm.REQUIRED)
-    expected = commands_of(plan, RATE_HZ)
+    drives = send(plan, firmware, rate_Hz, confirm=Confirm.REQUIRED)
+    expected = commands_of(plan, rate_Hz)
     assert [move.truly_soft for move in firmware.moves] == [mode for mode, _ in expected]
     np.testing.assert_allclose(
         [move.wheel_rad_s for move in firmware.moves],

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from once import planned, solved
@@ -264,7 +264,6 @@ def test_what_was_tampered_with_is_named(case: Case, how: str) -> None:
     assert_found(tamper(case), *words)
 
 
-@settings(max_examples=30)
 @given(
     i=st.integers(0, 3),
     name=st.sampled_from(["heater_s", "onset_s", "done_s"]),

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from problems import bound_of, network_of, only_goal
 from scipy.optimize import brentq
@@ -33,7 +33,6 @@ from twosra_mpc.timing import Transition
 # --- nothing undercuts the network ---------------------------------------------------------------
 
 
-@settings(max_examples=50)
 @given(problem=thermal_problems(), sequence=SEQUENCES, spans=SPANS_S)
 def test_no_history_undercuts_the_least_times_and_energies(
     problem: Problem, sequence: ModeSequence, spans: list[float]
@@ -41,7 +40,6 @@ def test_no_history_undercuts_the_least_times_and_energies(
     assert history(problem, sequence, spans).violated() == []
 
 
-@settings(max_examples=30)
 @given(
     problem=thermal_problems(ambient_C=1.0, transition_quantile=0.95),
     sequence=SEQUENCES,
@@ -60,7 +58,6 @@ def test_the_window_of_a_first_freeze_is_not_undercut_while_the_segment_cools_do
     assert history(problem, sequence, [share * cooling] * 34).violated() == []
 
 
-@settings(max_examples=30)
 @given(problem=thermal_problems(), sequence=SEQUENCES, spans=SPANS_S)
 def test_a_settled_schedule_keeps_every_constraint_and_moves_on_no_plateau(
     problem: Problem, sequence: ModeSequence, spans: list[float]
@@ -166,7 +163,6 @@ HEATED = st.lists(
 )
 
 
-@settings(max_examples=30)
 @given(
     problem=thermal_problems(transition_quantile=None, heating="fastest"),
     pieces=HEATED,

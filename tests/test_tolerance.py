@@ -194,3 +194,10 @@ def test_solvers_that_give_up_cost_a_bound_or_an_attempt(monkeypatch: pytest.Mon
         assert min(step.least, step.most) - 1e-9 <= bend <= max(step.least, step.most) + 1e-9
     monkeypatch.setattr(np.linalg, "lstsq", does_not_converge)
     assert correct_end(guess, problem.goal) is None
+
+
+def test_a_start_known_within_a_box_is_within_what_is_said_of_its_bends() -> None:
+    task = replace(bending_task(random_problem(0)), origin_within=(0.02, 0.01))
+    (step, *_) = bend_steps((SOFT_1, SOFT_2, RIGID), task, ()) or ()
+    for (low, high), w, by in zip(step.before, task.origin, (0.02, 0.01), strict=True):
+        assert low <= w - by < w + by <= high

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -224,7 +224,6 @@ def test_the_sensor_of_a_segment_shows_liquid_when_its_model_is() -> None:
 
 
 @given(MODELS, STATES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
-@settings(max_examples=30)
 def test_many_times_at_once_are_each_time_by_itself(
     model: TwoNode, state: tuple[float, float], current_A: float, durations_s: list[float]
 ) -> None:

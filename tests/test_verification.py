@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from once import planned
@@ -17,7 +17,7 @@ from problems import at_once
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
-from twosra_mpc.checking.reintegration import between, paths, reintegrate
+from twosra_mpc.checking.reintegration import between, displacements, paths, reintegrate
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.plan import Verification
@@ -129,14 +129,6 @@ def test_plans_of_both_planners_hold_with_all_timings(any_plan: Plan) -> None:
     assert result == any_plan.verification
 
 
-def test_reintegration_starts_at_the_start_and_ends_at_the_goal(any_plan: Plan) -> None:
-    reached = reintegrate(any_plan.problem, any_plan.samples)
-    assert np.array_equal(reached[0], any_plan.problem.start.configuration)
-    off = np.abs(reached[-1] - any_plan.problem.goal.configuration)
-    assert (off <= any_plan.problem.goal.half_width + 1e-6).all()
-    assert reached == pytest.approx(any_plan.samples.q, abs=1e-6)
-
-
 def test_reintegration_agrees_with_scipy(any_plan: Plan) -> None:
     """Also where a spiral passes its kink, at kappa = 0."""
     samples, q = any_plan.samples, any_plan.problem.start.configuration
@@ -158,7 +150,10 @@ def test_reintegration_agrees_with_scipy(any_plan: Plan) -> None:
 
 def test_many_samples_within_a_step_are_where_few_are(any_plan: Plan) -> None:
     problem, samples = any_plan.problem, any_plan.samples
-    fine, at = between(samples, 1e-4, least=1)
+    moved = np.abs(displacements(samples)).max(axis=1)
+    for least in (0, 1):
+        fine, at = between(samples, 1e-4, least)
+        assert (np.bincount(at)[:-1] >= np.maximum(moved / 1e-4 + least, 1)).all()
     first = np.searchsorted(at, np.arange(len(samples)))
     reached = reintegrate(problem, samples)
     assert reintegrate(problem, fine)[first] == pytest.approx(reached, abs=1e-9)
@@ -658,7 +653,6 @@ def test_reconfigurations_are_slept_through() -> None:
 # --- spoiling at random --------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(
     row=st.floats(0.0, 0.999),
     column=st.integers(0, 4),
@@ -675,7 +669,6 @@ def test_no_change_of_motion_goes_unnoticed(
     assert not case.set(name, i, column, before + sign * by).check().ok
 
 
-@settings(max_examples=25)
 @given(
     i=st.integers(0, 3),
     name=st.sampled_from(["heater_s", "onset_s", "done_s"]),
@@ -806,7 +799,12 @@ SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
     },
     "a curvature that runs away": (
         lambda case: case.scaled("v", 1e3),
-        ["re-integration departs from the samples", "limit unit_speed_m_s", "the wheels do not"],
+        [
+            "re-integration departs",
+            "limit unit_speed_m_s",
+            "the wheels do not",
+            "^goal.* is missed",
+        ],
     ),
 }
 
@@ -832,13 +830,6 @@ def test_what_would_not_work_on_the_robot_is_found(case: Case, how: str) -> None
 def test_heaters_left_on_at_the_end_are_found(case: Case) -> None:
     hot = case.set("heater_setpoint_C", -1, 0, 65.0).set("heater_current_A", -1, 0, 0.3)
     assert_found(hot, HEATER.format(1))
-
-
-@nominal_only
-def test_a_motion_that_runs_away_does_not_claim_to_meet_the_goal(case: Case) -> None:
-    result = case.scaled("v", 1e3).check()
-    assert not np.abs(result.goal_error).max() <= 1e-6
-    assert any("goal" in problem for problem in result.problems)
 
 
 def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:

@@ -287,7 +287,7 @@ def touched_in(problem: Problem, stage: int) -> set[str]:
 
     It is what that task takes hold of, lets go or lies along, and what the one before lay along.
     """
-    own, before = problem.tasks[stage : stage + 1], problem.tasks[max(stage - 1, 0) : stage]
+    own, before = problem.tasks[stage : stage + 1], problem.tasks[stage - 1 : stage]
     names = {task.about for task in own if task.touches}
     names |= {task.about for task in before if task.lies_along}
     return {name for name in names if name}

@@ -108,6 +108,6 @@ def _cheapest(network: TemporalNetwork, weights: Weights) -> Array | None:
     for i in range(network.layout.phases):
         objective[network.layout.start(i)] += 1e-7
         objective[network.layout.end(i)] += 1e-7
-    bounds = [*[(0.0, None)] * (network.layout.count - 1), (0.0, 0.0)]
+    bounds = [(0.0, None)] * network.layout.count
     optimum = minimise(objective, matrix, -np.array(list(network.least.values())), bounds)
     return None if optimum is None else optimum[1]
