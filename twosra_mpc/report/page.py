@@ -113,6 +113,11 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
     )
 
 
+def drawn(part: str, motion: dict[str, Any]) -> str:
+    """Draw a part of the page: ``plane.html``, ``readings.html`` or ``timeline.html``."""
+    return environment("report").get_template(part).render(motion=motion)
+
+
 def policy(style: str, script: str) -> str:
     """Return a Content-Security-Policy that allows what is in the page and nothing else."""
     return (

@@ -49,6 +49,19 @@ function player({ film, temperature_C }) {
       .concat(past.map((one) => one.origin).join(" ")));
   };
 
+  const slower = byId("slower"); // another plan at the same times
+  const shapeOf = (pose) => [
+    ...[...pose.units, ...pose.wheels].map((points) => ["polygon", points]),
+    ...[...pose.links, ...pose.segments].map((points) => ["polyline", points]),
+  ];
+  const showSlower = () => {
+    const parts = shapeOf(film.ghost.poses[film.ghost.pose[frame]]);
+    if (!slower.children.length) {
+      slower.append(...parts.map(([kind]) => document.createElementNS(slower.namespaceURI, kind)));
+    }
+    parts.forEach(([, points], i) => slower.children[i].setAttribute("points", points));
+  };
+
   const showSegments = () => {
     const [low, high] = temperature_C;
     film.state[frame].forEach((state, i) => {
@@ -70,6 +83,7 @@ function player({ film, temperature_C }) {
     byId("clock").textContent = time;
     byId("doing").textContent = film.doing[frame];
     showRobot();
+    if (film.ghost) showSlower();
     showSegments();
     if (slider) {
       byId("cursor").style.left = `${(100 * frame) / last}%`;
@@ -92,11 +106,11 @@ function player({ film, temperature_C }) {
       : pace > 0.95 ? "as fast as the robot" : `slowed down to ${pace.toPrecision(1)} of the robot's speed`;
   };
 
+  let before = null; // time of the last picture while playing [ms]; null while paused
   const control = () => {
     const play = byId("play");
     const speed = () => Number(byId("speed").value);
     let place = 0; // between frames while playing
-    let before = null; // time of the last picture [ms]; null while paused
 
     const go = (to) => { place = Math.max(0, Math.min(last, to)); show(place); };
     const pause = () => {
@@ -156,4 +170,5 @@ function player({ film, temperature_C }) {
 
   if (slider) control();
   show(0);
+  return () => { before = null; calm.removeEventListener("change", showPace); };
 }

@@ -77,6 +77,16 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     }
 
 
+def ghost_of(plan: Plan, time_s: Sequence[float]) -> dict[str, Any]:
+    """Another plan at the times of a film: poses, and which of them each frame shows."""
+    times = np.minimum(time_s, plan.duration_s)
+    q = plan.trajectory.configuration(times)
+    new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
+    shapes = robot_shape(plan.robot.geometry, q[[True, *new]], ARC_POINTS)
+    robots = [pose(RobotShape(*parts)) for parts in zip(*vars(shapes).values(), strict=True)]
+    return {"pose": [0, *np.cumsum(new).tolist()], "poses": robots}
+
+
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     """Poses of objects, (objects, 3), and places of their names beside the robot at q."""
     shape = robot_shape(playback.geometry, q)
@@ -127,7 +137,7 @@ def plane_of(
     geometry = problem.robot.geometry
     return {
         "box": box,
-        "grid": _grid(box),
+        "grid": grid(box),
         "around": surroundings(problem, nearest, box),
         "ghosts": [("start", pose(start)), *(("goal", pose(end)) for end in ends)],
         "mission": mission(problem, aims),
@@ -136,14 +146,15 @@ def plane_of(
     }
 
 
-def motion_of(plan: Plan) -> dict[str, Any]:
-    """Everything that is drawn of a plan: plane, film, timeline."""
+def motion_of(plan: Plan, box: tuple[float, float, float, float] | None = None) -> dict[str, Any]:
+    """Everything that is drawn of a plan: plane, film, timeline; the plane in a box, or all."""
     playback, samples = plan_playback(plan), plan.trajectory.samples
     scale = Thermometer.of(plan)
     places = playback.q, samples.q[0], *_goals(plan)
     shapes = [robot_shape(playback.geometry, at, ARC_POINTS) for at in places]
     start, *ends = shapes[1:]
-    box = filmed_box(plan.problem, shapes, world_figures.seen_m(plan.trajectory))
+    if box is None:
+        box = filmed_box(plan.problem, shapes, world_figures.seen_m(plan.trajectory))
     aims = world_figures.targets(plan.trajectory)
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
@@ -168,7 +179,7 @@ def _goals(plan: Plan) -> list[Array]:
     return reached
 
 
-def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
+def grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
     """Lines every 50 mm, or 10, 100 or more times that far apart in a box that is not so large."""
     left, top, width, height = box
     step = next((s for s in (50, 100, 200, 500, 1000) if width / s <= 10), int(width / 5))
