@@ -106,6 +106,7 @@ class Server:
         from starlette.routing import Route
 
         post = {
+            "/alive": self._alive,
             "/plan": self._plan,
             "/map": self._map,
             "/run": self._run,
@@ -177,6 +178,12 @@ class Server:
         page = environment("studio").get_template("studio.html")
         text = page.render(style=style, script=script, policy=only, known=known)
         return HTMLResponse(text, headers={"Cache-Control": "no-store"})
+
+    async def _alive(self, given: Record) -> Response:
+        from starlette.responses import JSONResponse
+
+        del given
+        return JSONResponse({"kind": "alive"})
 
     async def _plan(self, given: Record) -> Response:
         ask = Ask(**given)

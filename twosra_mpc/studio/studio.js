@@ -52,6 +52,8 @@ async function* records(path, message, signal) {
 }
 
 const lost = (is) => { byId("lost").hidden = !is; };
+const ALIVE_MS = 2000;
+setInterval(() => post("/alive", {}).then(() => lost(false), () => lost(true)), ALIVE_MS);
 
 // Asking for plans: one question at a time; the newest waits until the one before has a first answer.
 
@@ -182,6 +184,7 @@ function showFilm(record) {
   stopFilm = player(record.data);
   byId("way").replaceChildren();
   impossible(false);
+  stale(false);
 }
 
 // Numbers.
@@ -225,7 +228,7 @@ function makeForms() {
   fill("robot-name", own === "its own" ? [...known.robots, own] : known.robots, own);
   fill("path-model", ["the robot's", ...known.path_models]);
   byId("gap-asked").value = 100 * (problem.gap ?? 0.01);
-  fill("broken", ["", ...problem.start.kappa_per_m.map((_, j) => `${j + 1}`)]);
+  fill("broken", ["none", ...problem.start.kappa_per_m.map((_, j) => `${j + 1}`)]);
   const names = ["x", "y", "phi", ...problem.start.kappa_per_m.map((_, j) => `kappa${j + 1}`)];
   fill("map-x", names, "kappa1");
   fill("map-y", names, names.includes("kappa2") ? "kappa2" : "x");
@@ -352,7 +355,10 @@ function nudge(event) {
   moved();
 }
 
+const stale = (is) => { for (const part of ["readings", "timeline"]) byId(part).classList.toggle("stale", is); };
+
 function moved(more = {}) { // the problem is another one
+  stale(true);
   ask({ film: false, pull: undefined, ...more });
   clearTimeout(settle);
   settle = setTimeout(() => { if (!held) ask({ film: true }); }, SETTLED_MS);
@@ -458,7 +464,7 @@ byId("run").addEventListener("click", async () => {
   stopFilm();
   byId("run").textContent = "Stop";
   byId("events").replaceChildren();
-  const broken = byId("broken").value ? [Number(byId("broken").value)] : [];
+  const broken = byId("broken").selectedIndex > 0 ? [Number(byId("broken").value)] : [];
   const message = { problem, plant: byId("plant").value, disturbance: byId("level").value, seed: Number(byId("seed").value), broken_heaters: broken, speed: pace() };
   try {
     for await (const record of records("/run", message, run.stop.signal)) {
