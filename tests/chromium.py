@@ -63,10 +63,8 @@ def one(browser: Chrome, selector: str) -> WebElement:
 def requested(browser: Chrome) -> list[str]:
     """Addresses of all requests since the log was read last."""
     log = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    sent: list[dict[str, Any]] = [
-        e["params"] for e in log if e["method"] == "Network.requestWillBeSent"
-    ]
-    return [item["request"]["url"] for item in sent]
+    sent = [entry for entry in log if entry["method"] == "Network.requestWillBeSent"]
+    return [entry["params"]["request"]["url"] for entry in sent]
 
 
 def eventually(condition: Callable[[], object], within_s: float = 20.0) -> bool:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import http.client
 import json
 import math
+import re
 import threading
 import tomllib
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlparse
 
+import jsonschema
 import numpy as np
 import pytest
 from conftest import Run as RunProgram
@@ -23,7 +25,7 @@ from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.studio import Server, widget
-from twosra_mpc.studio.answers import Ask, answers, asked_problem, document
+from twosra_mpc.studio.answers import Ask, Pull, answers, asked_problem, document
 from twosra_mpc.studio.live import LiveRun, Push, Run
 from twosra_mpc.studio.saved import Saved, saved
 
@@ -88,6 +90,18 @@ def test_a_film_is_the_plans_and_the_greedy_rules_beside_it() -> None:
         assert found["film"][part]
 
 
+def test_messages_are_as_the_guide_says() -> None:
+    text = (Path(__file__).parent.parent / "docs/guide/studio.md").read_text()
+    blocks = re.findall(r'title="(\w+).schema.json"\n(.*?)```', text, flags=re.DOTALL)
+    schema = {name: json.loads(block) for name, block in blocks}
+    assert schema["ask"]["properties"].keys() == Ask.model_fields.keys()
+    ask = Ask(problem=document(PAPER), pull=Pull(end="goal", unit=0, x_m=0.1, y_m=0.2))
+    jsonschema.validate(ask.model_dump(mode="json"), schema["ask"])
+    result = kinds(ask)["result"]
+    jsonschema.validate(result, schema["result"])
+    assert result.keys() == schema["result"]["properties"].keys()
+
+
 def test_who_gives_up_is_not_answered() -> None:
     problem = document(load_problem("doorway"))
     got = [record["kind"] for record in answers(Ask(problem=problem), lambda: True)]
@@ -103,8 +117,8 @@ def test_a_unit_follows_the_hand_as_near_as_it_can(end: str, unit: int) -> None:
         j = 3 + unit
         q[j] = rng.uniform(-60, 60)
         x_m, y_m = robot_shape(PAPER.robot.geometry, q, 2).centres[unit].tolist()
-        pull = {"end": end, "unit": unit, "x_m": x_m, "y_m": y_m}
-        bent = asked_problem(Ask(problem=document(PAPER), pull=pull))  # type: ignore[arg-type]
+        pull = Pull.model_validate({"end": end, "unit": unit, "x_m": x_m, "y_m": y_m})
+        bent = asked_problem(Ask(problem=document(PAPER), pull=pull))
         changed = getattr(bent, end).configuration
         assert abs(changed[j] - q[j]) < 0.4
         assert np.delete(changed, j) == pytest.approx(np.delete(q, j))
@@ -211,10 +225,11 @@ def test_the_server_answers_its_page_alone(server: Server) -> None:
     connection = http.client.HTTPConnection(address.hostname or "", address.port)
     connection.request("GET", "/?token=wrong")
     assert connection.getresponse().status == 403
+    connection.close()
 
 
 def test_closed_connections_leave_nothing_running(server: Server) -> None:
-    post(server, "/alive", {})
+    post(server, "/open", {"scenario": "paper-1"})
     threads = threading.active_count()
     for _ in range(5):
         post(server, "/plan", {"problem": document(load_problem("corridor"))}, most=1)

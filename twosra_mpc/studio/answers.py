@@ -162,7 +162,7 @@ def told(result: Result, *, complete: bool) -> Record:
     if longest is not None and (not why or longest.kind in ("melt", "freeze")):
         share = longest.duration_s / made.duration_s
         why = f"{why}; " if why and not why.startswith("the robot") else ""
-        why += f"{longest} is {share:.0%} of the time"
+        why += f"{longest} is {share:z.0%} of the time"
     return record | {
         "sequence": sequence_name(made.sequence),
         "duration_s": made.duration_s,

@@ -66,7 +66,7 @@ def map_command(
             cells.append(cell)
             tell(f"mapping: {len(cells)} of {size**2} points")
     if plot is not None:
-        from twosra_mpc.plotting.map_figure import plot_map
+        from twosra_mpc.plotting import plot_map
 
         plot_map(cells, (names[0], names[1]), plot)
     rows = []

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from twosra_mpc.analysis.goal_map import goal_coordinates, goal_map
@@ -79,7 +79,9 @@ class Server:
         self._socket = socket.socket()
         try:
             self._socket.bind((_HOSTS[0], port))
+            self._socket.listen()  # who comes before the server is ready waits
         except OSError as error:
+            self._socket.close()
             raise InputError("--port", port, f"a free port: {error.strerror}") from None
         self._port = self._socket.getsockname()[1]
         self.address = f"http://{_HOSTS[0]}:{self._port}/?token={self._token}"
@@ -91,8 +93,14 @@ class Server:
         """Serve until Ctrl-C."""
         import uvicorn
 
-        settings: Record = {"log_level": "error", "timeout_graceful_shutdown": 1}
-        uvicorn.Server(uvicorn.Config(self._app, **settings)).run(sockets=[self._socket])
+        settings: Record = {"log_level": "critical", "timeout_graceful_shutdown": 1}
+        with suppress(KeyboardInterrupt):
+            uvicorn.Server(uvicorn.Config(self._app, **settings)).run(sockets=[self._socket])
+        self.close()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()
         self._worker.shutdown(cancel_futures=True)
 
     def serve_in_background(self) -> threading.Thread:
@@ -141,9 +149,10 @@ class Server:
                 return JSONResponse(_refused(why), 403)
             text = bytearray()
             async for part in request.stream():
-                text += part
-                if len(text) > _LARGEST:
-                    return JSONResponse(_refused("a message of more than a megabyte"), 413)
+                if len(text) <= _LARGEST:
+                    text += part
+            if len(text) > _LARGEST:
+                return JSONResponse(_refused("a message of more than a megabyte"), 413)
             try:
                 given = json.loads(text)
                 if not isinstance(given, dict):

@@ -15,6 +15,7 @@ let held = null; // what the hand holds
 let stopFilm = () => {};
 let settle = null;
 let run = null;
+let sized = null; // width of the plane that handles were made for [mm]
 
 const element = (name, attributes = {}, text = "") => {
   const made = document.createElementNS(SVG, name);
@@ -261,6 +262,10 @@ function showNumbers(scene) {
 // The hand.
 
 function makeHandles() {
+  const made = [...byId("handles").querySelectorAll(".handle")].map((part) => `${part.dataset.end} ${part.dataset.name}`);
+  const asked = Object.entries(handles).flatMap(([end, places]) => Object.keys(places).map((name) => `${end} ${name}`));
+  if (made.join() === asked.join() && sized === box[2]) return;
+  sized = box[2];
   const size = box[2] / 90;
   const parts = Object.entries(handles).flatMap(([end, places]) => [
     element("line", { class: "arm", "data-end": end }),
@@ -274,9 +279,7 @@ function makeHandles() {
       return shape;
     }),
   ]);
-  const focused = document.activeElement?.dataset ?? {};
   byId("handles").replaceChildren(...parts);
-  parts.find((part) => part.dataset.name && part.dataset.name === focused.name && part.dataset.end === focused.end)?.focus();
 }
 
 function placeHandles() {
