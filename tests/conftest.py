@@ -6,7 +6,7 @@ import gc
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import pytest
 from forks import Forks, forking
@@ -14,6 +14,9 @@ from hypothesis import settings
 from once import solved
 
 from twosra_mpc import Plan, Result, cli
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 for _ending in ("SIGINT", "SIGHUP", "SIGQUIT"):  # what nohup or a shell's & ignores is inherited
     if (number := getattr(signal, _ending, None)) and signal.getsignal(number) is signal.SIG_IGN:
@@ -55,6 +58,15 @@ def forks() -> Iterator[Forks]:
     """The program, in a process of its own, which is a fork."""
     with forking() as made:
         yield made
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    """A headless browser that logs its console and every request."""
+    from chromium import chromium  # Selenium takes a while
+
+    with chromium(tmp_path_factory.mktemp("chromium")) as started:
+        yield started
 
 
 class Outcome(NamedTuple):

@@ -156,6 +156,8 @@ def test_the_command_runs(
         monkeypatch.setattr(
             options, "load_problem", lambda _, **more: load_briefly("rigid-move", **NEAR, **more)
         )
+    monkeypatch.setattr("twosra_mpc.studio.server.Server.serve", lambda server: server.close())
+    monkeypatch.setattr("webbrowser.open", lambda address: True)
     write_files(page, folder)
     before = commands(page)[: commands(page).index(command)]
     for new in (each for each in before if each.startswith("twosra new ")):  # files it begins with

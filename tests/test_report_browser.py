@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from chromium import eventually, one, opened, requested
 from matplotlib.figure import Figure
 from once import solved
-from selenium.webdriver import ActionChains, Chrome, ChromeOptions
-from selenium.webdriver.chrome.service import Service
+from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -30,30 +27,6 @@ from twosra_mpc.report import page, player, write_report
 HOSTILE = (
     "</script><script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"
 )
-PROGRAMS = [shutil.which(name) for name in ("chromium", "chromedriver")]
-SWITCHES = (
-    *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run"),
-    *("disable-background-networking", "disable-component-update", "disable-sync"),
-)
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    """A browser that logs its console and every request."""
-    program, driver = PROGRAMS
-    if program is None or driver is None:
-        reason = "the programs chromium and chromedriver are not installed"
-        if os.environ.get("TWOSRA_BROWSER") == "required":
-            pytest.fail(reason)
-        pytest.skip(reason)
-    options = ChromeOptions()
-    options.binary_location = program
-    for switch in (*SWITCHES, f"user-data-dir={tmp_path_factory.mktemp('chromium')}"):
-        options.add_argument(f"--{switch}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    started = Chrome(options=options, service=Service(driver))
-    yield started
-    started.quit()
 
 
 @pytest.fixture(scope="module")
@@ -75,22 +48,6 @@ def report(browser: Chrome, paper: Plan, folder: Path) -> Chrome:
     return opened(browser, folder / "paper.html")
 
 
-def opened(browser: Chrome, path: Path, width: int = 1000, **media: str) -> Chrome:
-    """Open a page in a window of this width with these media features."""
-    features = [{"name": name.replace("_", "-"), "value": value} for name, value in media.items()]
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    for kind in ("browser", "performance"):
-        browser.get_log(kind)
-    browser.get(path.as_uri())
-    return browser
-
-
-def one(browser: Chrome, selector: str) -> WebElement:
-    return browser.find_element(By.CSS_SELECTOR, selector)
-
-
 def move_to(browser: Chrome, frame: int) -> None:
     """Move the slider as a hand does."""
     script = "const s = document.getElementById('slider'); s.value = arguments[0];"
@@ -109,15 +66,6 @@ def drawn(browser: Chrome, kind: str) -> np.ndarray:
     return np.array(pairs, dtype=float) * (1e-3, -1e-3)
 
 
-def eventually(condition: Callable[[], bool], within_s: float = 20.0) -> bool:
-    end = time.monotonic() + within_s
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.02)
-    return False
-
-
 def test_the_page_renders_without_a_complaint(report: Chrome, paper: Plan) -> None:
     assert report.title == "experiment 1 of the paper: plan report"
     assert report.get_log("browser") == []
@@ -132,11 +80,9 @@ def test_the_page_renders_without_a_complaint(report: Chrome, paper: Plan) -> No
 def test_no_request_leaves_the_page(report: Chrome) -> None:
     one(report, "#next").click()
     one(report, "#save").click()
-    log = [json.loads(entry["message"])["message"] for entry in report.get_log("performance")]
-    sent = [e["params"] for e in log if e["method"] == "Network.requestWillBeSent"]
+    sent = requested(report)
     assert sent  # the page itself: the log is working
-    kinds = {item["request"]["url"].split(":")[0] for item in sent}
-    assert kinds <= {"file", "data", "blob"}
+    assert {address.split(":")[0] for address in sent} <= {"file", "data", "blob"}
 
 
 def test_the_plan_file_can_be_saved_from_the_page(report: Chrome, tmp_path: Path) -> None:

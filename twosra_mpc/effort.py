@@ -90,16 +90,16 @@ class OutOfEffortError(TwosraError):
 class Account:
     """Account of the work under one set of limits; times of ``time.process_time``."""
 
-    def __init__(self, work: float, cpu_s: float) -> None:
-        """With a limit in parts of a unit, and one of CPU time from now on."""
-        self.work, self.spent = work, 0
+    def __init__(self, work: float, cpu_s: float, given_up: Callable[[], bool]) -> None:
+        """With a limit in parts of a unit, one of CPU time from now on, and who may end it."""
+        self.work, self.spent, self.given_up = work, 0, given_up
         self.until_s = time.process_time() + cpu_s
         self.look_at = 0  # work at which the clock is looked at next
 
     @property
     def reached(self) -> str | None:
         """The setting that says no more should be begun."""
-        if self.spent >= self.work:
+        if self.spent >= self.work or self.given_up():
             return "work_limit"
         return "time_limit_s" if time.process_time() >= self.until_s else None
 
@@ -112,8 +112,11 @@ class Account:
         """Stop here if even the overtime is over.
 
         Raises:
-            OutOfEffortError: If so; what is spent then is no more than that.
+            OutOfEffortError: If so, or nobody waits for it any more; what is spent then is no more
+                than that.
         """
+        if self.given_up():
+            raise OutOfEffortError
         if self.spent > self.most:
             self.spent = int(self.most)
             raise OutOfEffortError
@@ -122,17 +125,22 @@ class Account:
         self.look_at = int(min(self.spent + _LOOK, self.most))
 
 
-_UNLIMITED = Account(math.inf, math.inf)
+_UNLIMITED = Account(math.inf, math.inf, lambda: False)
 _ACCOUNT: ContextVar[Account] = ContextVar("account", default=_UNLIMITED)
 
 
 @contextmanager
-def limited(work: float, cpu_s: float) -> Iterator[None]:
-    """Limit the work [units] and the CPU time [s] of a block; what is around it holds, too."""
+def limited(
+    work: float, cpu_s: float, given_up: Callable[[], bool] | None = None
+) -> Iterator[None]:
+    """Limit the work [units] and the CPU time [s] of a block; what is around it holds, too.
+
+    So does ``given_up``: true once nobody waits for the work any more, asked every few units.
+    """
     outer = _ACCOUNT.get()
     parts = math.ceil(work * _IN_A_UNIT) if work < math.inf else math.inf
     left = outer.work - outer.spent, outer.until_s - time.process_time()
-    account = Account(min(parts, left[0]), min(cpu_s, left[1]))
+    account = Account(min(parts, left[0]), min(cpu_s, left[1]), given_up or outer.given_up)
     token = _ACCOUNT.set(account)
     try:
         yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import glob
 import io
 import json
@@ -44,6 +45,7 @@ def data_file(path: str) -> str:
     return (_PACKAGE / path).read_text(encoding="utf-8")
 
 
+@functools.cache
 def environment(folder: str) -> Environment:
     """Templates of a folder of the package; what they are given is escaped, but in ``.txt``."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # takes 50 ms

@@ -200,7 +200,7 @@ def explain(
     made = result.plan
     found = Explanation(
         result=result,
-        why=() if made is None else tuple(_why(made)),
+        why=() if made is None else tuple(reasons(made)),
         critical_path=() if made is None else critical_path(made),
         hidden=() if made is None else hidden_activities(made),
         tasks=() if made is None else task_costs(made),
@@ -225,7 +225,7 @@ def _collect(alternatives: Iterator[Alternative], known: list[Alternative]) -> b
     return True
 
 
-def _why(made: Plan) -> Iterator[str]:
+def reasons(made: Plan) -> Iterator[str]:
     """Reasons that need no other plan."""
     task, used = bending_task(made.problem), moving_modes(made)
     for mode in () if made.problem.tasks else dict.fromkeys(used):

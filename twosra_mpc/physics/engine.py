@@ -116,6 +116,11 @@ class Engine:
         changed = np.abs(1.0 - np.asarray(melted) - self._solid) >= _CHANGE
         return bool(np.abs(speeds).max() < _AT_REST) and not changed.any()
 
+    def pushed(self, by: Array) -> Array:
+        """Shift and turn the robot about b0 by (3,) [m, m, rad], in no time; returns q."""
+        self.data.qpos[self._pose] += by
+        return self.q
+
     def roll(self, turned: Array, melted: Sequence[float], duration_s: float) -> Array:
         """Turn the wheels by ``turned`` (4,) [rad] evenly in a time; returns q.
 

@@ -20,7 +20,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import tomlkit
 
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
@@ -29,19 +28,15 @@ from twosra_mpc.arguments import public
 from twosra_mpc.files import data_file, ending_of, environment, write_text
 from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
-from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Plan, Verification, above_bound, percent, within
+from twosra_mpc.plans.plan import Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
-from twosra_mpc.plotting.playback import plan_playback
-from twosra_mpc.plotting.world_figures import goals, seen_m
 from twosra_mpc.problem.limits import LIMITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.report import player
-from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 from twosra_mpc.timing import transition_model
 
@@ -90,7 +85,8 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
         "percent": percent,
         "seconds": _seconds,
     }
-    style, script = data_file("report/page.css"), data_file("report/page.js")
+    style = data_file("report/page.css")
+    script = data_file("report/player.js") + data_file("report/page.js")
     return templates.get_template("page.html").render(
         policy=policy(style, script),
         style=style,
@@ -108,12 +104,18 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
         path=in_words(critical_path(plan)) if plan else (),
         hidden=hidden_activities(plan) if plan else (),
         tasks=task_costs(plan) if plan else (),
-        motion=_motion(plan) if plan else None,
+        motion=player.motion_of(plan) if plan else None,
+        figure=picture_address(plot_plan(plan), "svg") if plan else "",
         origin=origin,
         scenario=scenario_toml(result.problem),
         commands=commands(origin),
         versions=versions(origin),
     )
+
+
+def drawn(part: str, motion: dict[str, Any]) -> str:
+    """Draw a part of the page: ``plane.html``, ``readings.html`` or ``timeline.html``."""
+    return environment("report").get_template(part).render(motion=motion)
 
 
 def policy(style: str, script: str) -> str:
@@ -128,35 +130,6 @@ def _hash(text: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
 
 
-def _motion(plan: Plan) -> dict[str, Any]:
-    """Everything that is drawn: film, timeline, figure."""
-    playback, samples = plan_playback(plan), plan.trajectory.samples
-    scale = player.Thermometer.of(plan)
-    places = playback.q, samples.q[0], *_goals(plan)
-    shapes = [robot_shape(playback.geometry, at, player.ARC_POINTS) for at in places]
-    start, *ends = shapes[1:]
-    box = player.filmed_box(plan.problem, shapes, seen_m(plan.trajectory))
-    levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
-    return {
-        "data": {
-            "film": player.film_of(plan, playback),
-            "temperature_C": [scale.low_C, scale.high_C],
-        },
-        "moves": plan.trajectory.duration_s > 0.0,
-        "ghosts": [("start", player.pose(start)), *(("goal", player.pose(end)) for end in ends)],
-        "mission": player.mission(plan),
-        "box": box,
-        "grid": _grid(box),
-        "around": player.surroundings(plan.problem, playback.nearest, box),
-        "fibre_mm": 2e3 * playback.geometry.fibre_radius_m,
-        "lanes": player.lanes(plan, playback.stretch),
-        "ticks": player.ticks(playback.stretch),
-        "curves": [player.curve(samples.t_s, column, playback.stretch) for column in levels],
-        "thermometer": scale,
-        "figure": picture_address(plot_plan(plan), "svg"),
-    }
-
-
 def _goal(problem: Problem, check: Verification) -> Iterable[tuple[Any, ...]]:
     """Name, unit, middle, half-width and error of each coordinate of a goal."""
     if problem.ends_anywhere:
@@ -164,25 +137,6 @@ def _goal(problem: Problem, check: Verification) -> Iterable[tuple[Any, ...]]:
     goal, units = problem.goal, problem.robot.coordinates.units
     box = goal.configuration.tolist(), goal.half_width.tolist()
     return zip(_COORDINATES, units, *box, check.goal_error, strict=False)
-
-
-def _goals(plan: Plan) -> list[Array]:
-    """Configurations to reach; of the last one, its middle."""
-    reached, last = goals(plan.trajectory), plan.problem.goal.configuration
-    if not plan.problem.ends_anywhere:
-        reached[-1] = np.where(np.isnan(last), reached[-1], last)
-    return reached
-
-
-def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
-    """Lines every 50 mm, or 10, 100 or more times that far apart in a box that is not so large."""
-    left, top, width, height = box
-    step = next((s for s in (50, 100, 200, 500, 1000) if width / s <= 10), int(width / 5))
-    return {
-        "step": step,
-        "x": [x for x in range(int(left // step) * step, int(left + width) + 1, step) if x > left],
-        "y": [y for y in range(int(top // step) * step, int(top + height) + 1, step) if y > top],
-    }
 
 
 def _seconds(value: float) -> str:

@@ -17,7 +17,7 @@ from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals, stretches
 from twosra_mpc.plotting import TimeStretch, world_figures
-from twosra_mpc.plotting.playback import PLACES, Playback
+from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.world_figures import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -77,6 +77,16 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     }
 
 
+def ghost_of(plan: Plan, time_s: Sequence[float]) -> dict[str, Any]:
+    """Another plan at the times of a film: poses, and which of them each frame shows."""
+    times = np.minimum(time_s, plan.duration_s)
+    q = plan.trajectory.configuration(times)
+    new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
+    shapes = robot_shape(plan.robot.geometry, q[[True, *new]], ARC_POINTS)
+    robots = [pose(RobotShape(*parts)) for parts in zip(*vars(shapes).values(), strict=True)]
+    return {"pose": [0, *np.cumsum(new).tolist()], "poses": robots}
+
+
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     """Poses of objects, (objects, 3), and places of their names beside the robot at q."""
     shape = robot_shape(playback.geometry, q)
@@ -97,10 +107,9 @@ def moved_to(pose: Array) -> str:
     return f"translate({1e3 * x:z.2f},{-1e3 * y:z.2f}) rotate({-math.degrees(phi):z.2f})"
 
 
-def mission(plan: Plan) -> dict[str, Any]:
-    """Objects in their own frames, where they shall be carried, as SVG has it [mm, y down]."""
-    problem, own = plan.problem, np.zeros(POSE)
-    aims = world_figures.targets(plan.trajectory)
+def mission(problem: Problem, aims: Sequence[tuple[int, Array]] = ()) -> dict[str, Any]:
+    """Objects in their own frames, where they are and shall be, as SVG has it [mm, y down]."""
+    own = np.zeros(POSE)
     return {
         "objects": [
             {
@@ -108,10 +117,76 @@ def mission(plan: Plan) -> dict[str, Any]:
                 "fill": world_figures.fill_of(number),
                 "edge": world_figures.edge_of(number),
                 "points": svg_points(world_figures.outline_m(item, own)),
+                "at": moved_to(item.pose.pose),
             }
             for number, item in enumerate(problem.objects)
         ],
         "targets": [(number, moved_to(pose)) for number, pose in aims],
+    }
+
+
+def plane_of(
+    problem: Problem,
+    start: RobotShape,
+    ends: Sequence[RobotShape],
+    box: tuple[float, float, float, float],
+    nearest: Clearance | None = None,
+    aims: Sequence[tuple[int, Array]] = (),
+) -> dict[str, Any]:
+    """The plane in a box: what is around, start and goals, objects and where they shall be."""
+    geometry = problem.robot.geometry
+    return {
+        "box": box,
+        "grid": grid(box),
+        "around": surroundings(problem, nearest, box),
+        "ghosts": [("start", pose(start)), *(("goal", pose(end)) for end in ends)],
+        "mission": mission(problem, aims),
+        "fibre_mm": 2e3 * geometry.fibre_radius_m,
+        "number_mm": 400 * geometry.unit_frame_m,
+    }
+
+
+def motion_of(plan: Plan, box: tuple[float, float, float, float] | None = None) -> dict[str, Any]:
+    """Everything that is drawn of a plan: plane, film, timeline; the plane in a box, or all."""
+    playback, samples = plan_playback(plan), plan.trajectory.samples
+    scale = Thermometer.of(plan)
+    places = playback.q, samples.q[0], *_goals(plan)
+    shapes = [robot_shape(playback.geometry, at, ARC_POINTS) for at in places]
+    start, *ends = shapes[1:]
+    if box is None:
+        box = filmed_box(plan.problem, shapes, world_figures.seen_m(plan.trajectory))
+    aims = world_figures.targets(plan.trajectory)
+    levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
+    return {
+        **plane_of(plan.problem, start, ends, box, playback.nearest, aims),
+        "data": {
+            "film": film_of(plan, playback),
+            "temperature_C": [scale.low_C, scale.high_C],
+        },
+        "moves": plan.trajectory.duration_s > 0.0,
+        "lanes": lanes(plan, playback.stretch),
+        "ticks": ticks(playback.stretch),
+        "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
+        "thermometer": scale,
+    }
+
+
+def _goals(plan: Plan) -> list[Array]:
+    """Configurations to reach; of the last one, its middle."""
+    reached, last = world_figures.goals(plan.trajectory), plan.problem.goal.configuration
+    if not plan.problem.ends_anywhere:
+        reached[-1] = np.where(np.isnan(last), reached[-1], last)
+    return reached
+
+
+def grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
+    """Lines every 50 mm, or 10, 100 or more times that far apart in a box that is not so large."""
+    left, top, width, height = box
+    step = next((s for s in (50, 100, 200, 500, 1000) if width / s <= 10), int(width / 5))
+    return {
+        "step": step,
+        "x": [x for x in range(int(left // step) * step, int(left + width) + 1, step) if x > left],
+        "y": [y for y in range(int(top // step) * step, int(top + height) + 1, step) if y > top],
     }
 
 

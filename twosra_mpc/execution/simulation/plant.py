@@ -78,6 +78,10 @@ class PathMotion:
 
             self.objects = ObjectPlant(problem, robot.geometry)
 
+    def pushed(self, q: Array, by: Array) -> Array:
+        """Shifted and turned about b0 by a hand; wheels slip."""
+        return np.concatenate([q[:POSE] + by, q[POSE:]])
+
     def at_rest(self, segments: Segments) -> bool:
         """Always: nothing but wheels moves it."""
         return True
@@ -126,6 +130,11 @@ class PhysicsMotion:
     def touched(self) -> str:
         """Obstacle that the robot touched first, by the engine's contacts."""
         return self._engine.touched
+
+    def pushed(self, q: Array, by: Array) -> Array:
+        """Shifted and turned about b0 by a hand, in no time."""
+        del q
+        return self._engine.pushed(by)
 
     def at_rest(self, segments: Segments) -> bool:
         """True if the engine's state rests, and metal has not changed since."""
@@ -325,6 +334,15 @@ class SimulatedRobot:
             left -= ticks
             self._photograph(ticks)
         self._note()
+
+    def push(self, by: Array) -> None:
+        """Push the robot: by (3,) [m, m, rad], about b0, whatever its wheels do.
+
+        Raises:
+            InputError: If these are not three finite numbers.
+        """
+        check_size("by", by, POSE)
+        self.q = self._motion.pushed(self.q, by)
 
     def think(self, problem: Problem) -> Result | None:
         """Plan while time passes for the robot; None as long as the disturbance says it takes."""

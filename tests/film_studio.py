@@ -1,0 +1,62 @@
+"""Film the studio for the README: ``python tests/film_studio.py docs/studio.gif``."""
+
+from __future__ import annotations
+
+import io
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from chromium import chromium, eventually, one, opened
+from PIL import Image
+from selenium.webdriver import ActionChains, Chrome
+from test_studio_browser import played, said
+
+from twosra_mpc import load_problem
+from twosra_mpc.studio import Server
+
+WIDTH, HEIGHT, COLOURS, FRAME_MS = 1060, 900, 48, 120
+PULLS = [*[(3, 7)] * 9, *[(-3, -7)] * 4, *[(5, 3)] * 5]  # of the goal's first unit [pixels]
+
+
+def frames(browser: Chrome) -> Iterator[Image.Image]:
+    """Pictures while the goal is bent by hand, and while the plan is played."""
+
+    def picture() -> Image.Image:
+        shot = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+        return shot.resize((WIDTH * 2 // 3, HEIGHT * 2 // 3), Image.Resampling.LANCZOS)
+
+    hand = ActionChains(browser, duration=0)
+    hand.move_to_element(one(browser, ".handle.goal[data-name=unit0]")).click_and_hold().perform()
+    yield from [picture()] * 4
+    for step in PULLS:
+        answers = browser.execute_script("return latencies.length")
+        ActionChains(browser, duration=0).move_by_offset(*step).perform()
+        eventually(lambda n=answers: browser.execute_script("return latencies.length") > n)  # type: ignore[misc]
+        yield picture()
+    ActionChains(browser).release().perform()
+    eventually(lambda: played(browser) and said(browser, "status") == "optimal")
+    yield from [picture()] * 5
+    last = int(one(browser, "#slider").get_property("max"))
+    for frame in range(0, last + 1, last // 40):
+        browser.execute_script(
+            "const s = byId('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))",
+            frame,
+        )
+        yield picture()
+
+
+def main(path: str) -> None:
+    """Write the film."""
+    server = Server(load_problem("paper-1"), name="paper-1")
+    server.serve_in_background()
+    with tempfile.TemporaryDirectory() as folder, chromium(Path(folder)) as browser:
+        opened(browser, server.address, WIDTH)
+        eventually(lambda: played(browser), 60.0)
+        shots = [shot.quantize(COLOURS, dither=Image.Dither.NONE) for shot in frames(browser)]
+    shots[0].save(path, save_all=True, append_images=shots[1:], duration=FRAME_MS, loop=0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

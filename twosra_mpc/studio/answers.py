@@ -1,0 +1,266 @@
+"""Answers of the studio: a problem in; drawings, bounds and plans out, as plain data.
+
+Nothing here knows how messages travel. Every answer is an iterator of records with a ``kind``: the
+drawing of the problem at once, then what is proved without surroundings, then plans that become
+better until the gap that is asked for is closed, or nobody waits any more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from twosra_mpc.analysis.critical_path import critical_path
+from twosra_mpc.analysis.explanation import reasons
+from twosra_mpc.effort import limited
+from twosra_mpc.files import built_in_names
+from twosra_mpc.model.outline import RobotShape, robot_shape
+from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
+from twosra_mpc.plotting.world_figures import outlines_m
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.report import player
+from twosra_mpc.report.page import drawn
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot, load_robot, with_path_model
+from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.validation import Count, Metres, Numbers, Value
+
+GivenUp = Callable[[], bool]
+Record = dict[str, Any]
+
+_FIRST, _MORE = (150.0, 1500.0, 15_000.0), 100.0  # units of work: of plans in turn; of a bound
+_HANDLE_M = 0.11  # from b0 to the handle of the heading
+_SHAPES = 241  # curvatures that are looked at to bring a unit under the hand
+_ROOM_M = 0.08  # around a problem, in its picture
+
+
+class Pull(Value):
+    """A unit that is drawn to a point by hand: the segment beside it bends until it is nearest.
+
+    ``end`` is "start" or "goal"; ``unit`` 0 or 1.
+    """
+
+    end: Literal["start", "goal"]
+    unit: Count
+    x_m: Metres
+    y_m: Metres
+
+
+class Ask(Value):
+    """What a page asks: a problem as scenario document, and what it wants to see.
+
+    ``pull`` bends the problem first, ``path_model`` gives its robot another one. ``box_mm`` is the
+    part of the plane that is drawn, corner and size, y down; without it all of the problem. With
+    ``film`` the plane is drawn and the plan is played, beside the greedy rule's if ``greedy``; else
+    only what the hand moves is told.
+    """
+
+    problem: dict[str, Any]
+    pull: Pull | None = None
+    path_model: str | None = None
+    box_mm: Numbers | None = None
+    film: bool = False
+    greedy: bool = False
+
+
+def document(problem: Problem) -> Record:
+    """The problem as a scenario document; a robot that is not built in is written out."""
+    robot = problem.robot
+    whole = robot.name if _is_built_in(robot) else robot.model_dump(mode="json")
+    return {**problem.scenario(), "robot": whole}
+
+
+def _is_built_in(robot: Robot) -> bool:
+    return robot.name in built_in_names("robots") and load_robot(robot.name) == robot
+
+
+def asked_problem(ask: Ask) -> Problem:
+    """The problem that is asked, bent as the hand wants.
+
+    Raises:
+        InputError: If it is none.
+    """
+    problem = Problem(**ask.problem)
+    if ask.path_model is not None:
+        problem = problem.with_values(robot=with_path_model(problem.robot, ask.path_model))
+    if ask.pull is None:
+        return problem
+    kappa = pulled(problem, ask.pull)
+    changed = getattr(problem, ask.pull.end).with_values(kappa_per_m=kappa)
+    return problem.with_values(**{ask.pull.end: changed})
+
+
+def pulled(problem: Problem, pull: Pull) -> tuple[float, ...]:
+    """Curvatures with which a unit is nearest to a point: only the segment beside it bends."""
+    q, limit = _configuration(problem, pull.end), problem.robot.limits.curvature_per_m
+    last = len(q) - 1 if pull.unit else POSE
+    tried = np.repeat(q[None], _SHAPES, axis=0)
+    tried[:, last] = np.linspace(-limit, limit, _SHAPES)
+    centres = robot_shape(problem.robot.geometry, tried, 2).centres[:, pull.unit]
+    apart = np.hypot(*(centres - (pull.x_m, pull.y_m)).T)
+    q[last] = round(float(tried[apart.argmin(), last]), 1)
+    return tuple(q[POSE:].tolist())
+
+
+def answers(ask: Ask, given_up: GivenUp) -> Iterator[Record]:
+    """Draw a problem and plan it, better and better; with ``film``, play the last plan.
+
+    Raises:
+        InputError: If the problem is none.
+    """
+    problem = asked_problem(ask)
+    shown = scene(problem, ask.box_mm, plane=ask.film)
+    yield shown
+    around = bool(problem.obstacles or problem.objects or problem.tasks)
+    if around and not problem.tasks and problem.planner == "optimal":
+        with limited(_MORE, math.inf, given_up):
+            free = plan(problem.with_values(obstacles=(), objects=(), workspace=None))
+        if free.lower_bound is not None:
+            yield {"kind": "bound", "lower_bound_s": free.lower_bound}
+    for work in _FIRST:
+        with limited(work, math.inf, given_up):
+            result = plan(problem)
+        if given_up():
+            return
+        closed = not result.stopped_early
+        yield told(result, complete=closed or work == _FIRST[-1])
+        if closed:
+            break
+    if ask.film and result.found and result.plan is not None:
+        yield _film(result.plan, _greedy(problem) if ask.greedy else None, shown["box_mm"])
+        with limited(_FIRST[-1], math.inf, given_up):
+            lower_s = confirmed_lower_bound(result.plan)
+        if not given_up():
+            yield {"kind": "confirmed", "gap": _gap(result.plan.confirmed_s, lower_s)}
+
+
+def told(result: Result, *, complete: bool) -> Record:
+    """What planning came to, as the page tells it."""
+    made, found = result.plan, result.found
+    record = {
+        "kind": "result",
+        "status": str(result.status),
+        "found": found,
+        "complete": complete,
+        "words": result.status.words,
+        "message": result.message,
+        "lower_bound_s": result.lower_bound,
+        "work": result.stats.work,
+    }
+    if made is None or not found:
+        return record
+    longest = max(critical_path(made), key=lambda item: item.duration_s, default=None)
+    why = (
+        next(iter(reasons(made)), "") if not (made.problem.tasks or made.problem.obstacles) else ""
+    )
+    if longest is not None and (not why or longest.kind in ("melt", "freeze")):
+        share = longest.duration_s / made.duration_s
+        why = f"{why}; " if why and not why.startswith("the robot") else ""
+        why += f"{longest} is {share:z.0%} of the time"
+    return record | {
+        "sequence": sequence_name(made.sequence),
+        "duration_s": made.duration_s,
+        "cost_s": made.cost.total,
+        "confirmed_s": made.confirmed_s,
+        "gap": made.gap,
+        "energy_J": made.cost.energy_J,
+        "transitions": made.cost.transitions,
+        "why": why,
+        "path": [player.svg_points(at) for at in _path(made)],
+    }
+
+
+def _gap(value: float | None, lower: float | None) -> float | None:
+    return None if not value or lower is None else max(0.0, 1 - lower / value)
+
+
+def _path(made: Plan) -> Array:
+    """Way of b0, (m, 2)."""
+    return made.samples.q[:, :2]
+
+
+def scene(problem: Problem, box_mm: Sequence[float] | None = None, *, plane: bool = True) -> Record:
+    """The problem, drawn: the plane, and where the hand can take hold of start and goal."""
+    ends = {"start": _configuration(problem, "start")}
+    if not problem.ends_anywhere:
+        ends["goal"] = _configuration(problem, "goal")
+    geometry = problem.robot.geometry
+    shapes = {name: robot_shape(geometry, q, player.ARC_POINTS) for name, q in ends.items()}
+    start, *goal = shapes.values()
+    left, top, wide, high = box_mm or _box(problem, list(shapes.values()))
+    box = left, top, wide, high
+    return {
+        "kind": "scene",
+        "problem": document(problem),
+        "box_mm": [left, top, wide, high],
+        "plane": drawn("plane.html", player.plane_of(problem, start, goal, box)) if plane else "",
+        "ends": {name: player.pose(shape) for name, shape in shapes.items()},
+        "handles": {name: _handles(q, shapes[name]) for name, q in ends.items()},
+        "limits": {"curvature_per_m": problem.robot.limits.curvature_per_m},
+        "air_C": problem.ambient,
+        "temperatures_C": list(problem.temperatures),
+    }
+
+
+def _box(problem: Problem, shapes: list[RobotShape]) -> tuple[float, float, float, float]:
+    """Box of all of a problem, with room for the hand."""
+    poses = np.array([item.pose.pose for item in problem.objects]).reshape(-1, POSE)
+    parts = [*outlines_m(problem, poses), *(item.inner_corners_m for item in problem.obstacles)]
+    if problem.workspace is not None:
+        corners = problem.workspace.corners_m
+        parts.append(corners[np.isfinite(corners).all(axis=1)])
+    parts += [shape.units.reshape(-1, 2) + way for shape in shapes for way in (-_ROOM_M, _ROOM_M)]
+    return player.filmed_box(problem, shapes, np.concatenate(parts))
+
+
+def _configuration(problem: Problem, end: str) -> Array:
+    """Configuration at an end, (3 + n,); what a goal leaves free is as at the start."""
+    q: Array = problem.start.configuration.copy()
+    if end == "goal" and not problem.ends_anywhere:
+        goal = problem.goal.configuration
+        q = np.where(np.isnan(goal), q, goal)
+    return q
+
+
+def _handles(q: Array, shape: RobotShape) -> dict[str, list[float]]:
+    """Places to take hold of [mm, y down]."""
+    heading = q[:2] + _HANDLE_M * np.array([math.cos(q[2]), math.sin(q[2])])
+    places = {"place": q[:2], "heading": heading}
+    places |= {f"unit{number}": at for number, at in enumerate(shape.centres)}
+    return {name: [1e3 * float(at[0]), -1e3 * float(at[1])] for name, at in places.items()}
+
+
+class Ghost(NamedTuple):
+    """The greedy rule's plan beside another."""
+
+    plan: Plan | None
+    message: str
+
+
+def _greedy(problem: Problem) -> Ghost | None:
+    """The greedy rule's plan; None where it knows no such problem."""
+    if problem.tasks or problem.obstacles or problem.objects or problem.planner == "greedy":
+        return None
+    result = plan(problem.with_values(planner="greedy"))
+    return Ghost(result.plan if result.found else None, result.message)
+
+
+def _film(made: Plan, ghost: Ghost | None, box_mm: list[float]) -> Record:
+    """The plan, played; the plane as the page has it."""
+    left, top, wide, high = box_mm
+    motion = player.motion_of(made, (left, top, wide, high))
+    data: Record = motion["data"]
+    record: Record = {"kind": "film"}
+    if ghost is not None and ghost.plan is not None:
+        data["film"]["ghost"] = player.ghost_of(ghost.plan, data["film"]["time_s"])
+        record["greedy_s"] = ghost.plan.duration_s
+    elif ghost is not None:
+        record["greedy"] = ghost.message
+    parts = ("plane.html", "readings.html", "timeline.html")
+    return record | {"data": data} | {part[:-5]: drawn(part, motion) for part in parts}

@@ -1,0 +1,80 @@
+"""``twosra studio`` and ``twosra map``."""
+
+from __future__ import annotations
+
+import math
+import webbrowser
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from twosra_mpc.cli import options
+from twosra_mpc.cli.output import Output, digits, print_table
+
+
+@options.command("studio")
+@click.argument("scenario", default="paper-1", **options.SCENARIO)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 takes a free one.")
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@options.scenario_options("planner", "robot", "path_model", "timing", "gap", "exact")
+def studio_command(
+    scenario: str, port: int, no_browser: bool, load: options.Load, output: Output
+) -> None:
+    """Open SCENARIO on a page of this computer, and plan it while you move it by hand.
+
+    Start, goal, obstacles and objects are drawn to scale and can be dragged; mode sequence,
+    duration and proved gap follow. A run in closed loop can be watched, and pushed. Nothing leaves
+    this computer. Ctrl-C ends it. {studio}
+
+    \b
+    Take the paper's first problem in your hand:
+      twosra studio paper-1
+    On a port of your choice, for a browser that is open already:
+      twosra studio pick-and-place --port 8765 --no-browser
+    """
+    from twosra_mpc.studio.server import Server  # the planner takes a second
+
+    server = Server(load(scenario), port, scenario)
+    output.report(lambda: {"address": server.address}, lambda: click.echo(server.address))
+    if not no_browser:
+        webbrowser.open(server.address)
+    server.serve()
+
+
+@options.command("map")
+@click.argument("scenario", **options.SCENARIO)
+@click.option("--over", required=True, metavar="A,B", help="Two of x, y, phi, kappa1, kappa2 ...")
+@click.option("--size", type=click.IntRange(2, 101), default=17, help="Points a side.")
+@options.plot_option("Draw the map")
+@options.scenario_options("planner", "robot", "path_model", "timing", "gap", "exact")
+def map_command(
+    scenario: str, over: str, size: int, plot: Path | None, load: options.Load, output: Output
+) -> None:
+    """Map SCENARIO: the best mode sequence and duration over two coordinates of its goal.
+
+    \b
+    Which sequence is best for which shape?
+      twosra map paper-1 --over kappa1,kappa2 --plot map.png
+    """
+    from twosra_mpc.analysis.goal_map import goal_map
+
+    names = [name.strip() for name in over.split(",")]
+    with output.progress("mapping") as tell:
+        cells = []
+        for cell in goal_map(load(scenario), names, (size,)):
+            cells.append(cell)
+            tell(f"mapping: {len(cells)} of {size**2} points")
+    if plot is not None:
+        from twosra_mpc.plotting import plot_map
+
+        plot_map(cells, (names[0], names[1]), plot)
+    rows = []
+    for sequence, count in Counter(cell.sequence for cell in cells).most_common():
+        taken = [cell.duration_s or math.nan for cell in cells if cell.sequence == sequence]
+        span = (digits(end(taken), 1) for end in (min, max))
+        rows.append((sequence or "no plan", str(count), *span))
+    output.report(
+        lambda: {"over": names, "cells": cells},
+        lambda: print_table(("mode sequence", "points", "least [s]", "most [s]"), rows),
+    )

@@ -1,0 +1,111 @@
+"""A closed-loop run, live: the controller's step on a simulated robot, a record for each step."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+
+from twosra_mpc.execution.executor import plan_controller
+from twosra_mpc.execution.robot_interface import still
+from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.simulation.disturbance import disturbance_level
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.report import player
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.validation import Count, Metres, Positive, Radians, Several, Value
+
+
+class Run(Value):
+    """A run that a page asks for: a problem as scenario document, and the robot that runs it.
+
+    ``speed`` is how many times as fast as the robot it is shown.
+    """
+
+    problem: dict[str, Any]
+    plant: str = "arc"
+    disturbance: str = "moderate"
+    seed: Count = 0
+    broken_heaters: Several[Count] = ()
+    speed: Positive = 20.0
+
+
+class Push(Value):
+    """A push by hand: the robot is shifted and turned about b0, whatever its wheels do."""
+
+    x_m: Metres = 0.0
+    y_m: Metres = 0.0
+    phi_rad: Radians = 0.0
+
+
+class LiveRun:
+    """A run on its way; pushes are taken before the next reading.
+
+    Attributes:
+        asked: What was asked for.
+        pushes: Those to come.
+    """
+
+    def __init__(self, asked: Run) -> None:
+        """Not begun yet."""
+        self.asked, self.pushes = asked, deque[Push]()
+
+    def frames(self) -> Generator[dict[str, Any], None, None]:
+        """Plan and run; a record for each step. However it ends, wheels stand and heaters are off.
+
+        Raises:
+            InputError: If the problem or the robot is none.
+            NoPlanError: If there is no plan.
+        """
+        asked = self.asked
+        problem, level = Problem(**asked.problem), disturbance_level(asked.disturbance)
+        robot = SimulatedRobot(
+            problem, asked.plant, level, asked.seed, broken_heaters=asked.broken_heaters
+        )
+        made = plan(problem.with_values(planner="optimal")).require()
+        settings = ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
+        controller = plan_controller(made, robot.camera, settings, robot.think)
+        off_C = np.full(len(robot.segments), problem.robot.heater.rigid_setpoint_C)
+        seen = 0
+        try:
+            while controller.verdict is None:
+                while self.pushes:
+                    push = self.pushes.popleft()
+                    robot.push(np.array([push.x_m, push.y_m, push.phi_rad]))
+                command = controller.step(robot.read())
+                robot.send(command.wheel_rad_s, command.heater_setpoint_C)
+                belief, policy = controller.belief, controller.policy
+                new, seen = belief.events[seen:], len(belief.events)
+                yield {
+                    "kind": "frame",
+                    "time_s": robot.time_s,
+                    "true": _pose(problem, robot.q),
+                    "seen": _pose(problem, belief.q),
+                    "temperature_C": [segment.temperature_C for segment in robot.segments],
+                    "measured_C": [segment.measured_C for segment in robot.segments],
+                    "melt_fraction": [segment.melt_fraction for segment in robot.segments],
+                    "doing": policy.during,
+                    "events": [[event.time_s, event.kind, event.text] for event in new],
+                    "ended": controller.verdict and str(controller.verdict.ending),
+                    "plan": _plan(policy),
+                }
+                robot.wait(command.at_most_s)
+        finally:
+            robot.send(still(), off_C)
+
+
+def _pose(problem: Problem, q: Array) -> dict[str, Any]:
+    return player.pose(robot_shape(problem.robot.geometry, q, player.ARC_POINTS))
+
+
+def _plan(policy: Any) -> dict[str, Any]:
+    """The plan in force: its sequence and the way of b0."""
+    made = policy.course.plan
+    way = [player.svg_points(at) for at in made.samples.q[:, :2]]
+    return {"sequence": sequence_name(made.sequence), "path": way, "duration_s": made.duration_s}

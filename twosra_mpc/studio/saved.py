@@ -1,0 +1,63 @@
+"""What a page saves: the problem as a scenario or as Python, its plan, set-points or a report."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.plans.result import Result
+from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.report.page import report_page, scenario_toml
+from twosra_mpc.validation import Value
+
+
+class Saved(Value):
+    """What a page wants to save: a problem as scenario document, and what of it."""
+
+    problem: dict[str, Any]
+    form: Literal["toml", "json", "html", "csv", "py"]
+
+
+def saved(asked: Saved) -> dict[str, Any]:
+    """Make a file: its name and its text.
+
+    Raises:
+        InputError: If the problem is none.
+        NoPlanError: If the set-points of a plan are asked for, and there is none.
+    """
+    problem = Problem(**asked.problem)
+    match asked.form:
+        case "toml":
+            text = scenario_toml(problem)
+        case "py":
+            text = _python(asked.problem)
+        case "json":
+            text = json.dumps(plan(problem).to_dict(), allow_nan=False)
+        case "html":
+            text = report_page(plan(problem))
+        case "csv":
+            text = _written(
+                plan(problem), lambda result, path: save_setpoints(result.require(), path)
+            )
+    name = {"toml": "scenario", "json": "plan", "html": "report", "csv": "setpoints", "py": "plan"}
+    return {"kind": "file", "name": f"{name[asked.form]}.{asked.form}", "text": text}
+
+
+def _written(result: Result, write: Callable[[Result, Path], None]) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        write(result, path := Path(folder, "setpoints.csv"))
+        return path.read_text(encoding="utf-8")
+
+
+def _python(document: dict[str, Any]) -> str:
+    """A program that plans the problem."""
+    given = {key: value for key, value in document.items() if value not in (None, [], "")}
+    lines = [f"    {key}={value!r}," for key, value in given.items()]
+    before = ["from twosra_mpc import Problem, plan", "", "problem = Problem("]
+    after = [")", "result = plan(problem)", "print(result)", 'result.save("plan.json")', ""]
+    return "\n".join([*before, *lines, *after])
