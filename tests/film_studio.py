@@ -16,7 +16,7 @@ from test_studio_browser import played, said
 from twosra_mpc import load_problem
 from twosra_mpc.studio import Server
 
-WIDTH, HEIGHT, COLOURS, FRAME_MS = 1060, 900, 48, 120
+WIDTH, HEIGHT, COLOURS, FRAME_MS = 1060, 900, 96, 120
 PULLS = [*[(3, 7)] * 9, *[(-3, -7)] * 4, *[(5, 3)] * 5]  # of the goal's first unit [pixels]
 
 
@@ -36,7 +36,7 @@ def frames(browser: Chrome) -> Iterator[Image.Image]:
         eventually(lambda n=answers: browser.execute_script("return latencies.length") > n)  # type: ignore[misc]
         yield picture()
     ActionChains(browser).release().perform()
-    eventually(lambda: played(browser) and said(browser, "status") == "optimal")
+    eventually(lambda: played(browser) and said(browser, "status") == "optimal", 60.0)
     yield from [picture()] * 5
     last = int(one(browser, "#slider").get_property("max"))
     for frame in range(0, last + 1, last // 40):
@@ -54,6 +54,7 @@ def main(path: str) -> None:
     with tempfile.TemporaryDirectory() as folder, chromium(Path(folder)) as browser:
         opened(browser, server.address, WIDTH)
         eventually(lambda: played(browser), 60.0)
+        browser.execute_script("document.documentElement.style.overflow = 'hidden'")
         shots = [shot.quantize(COLOURS, dither=Image.Dither.NONE) for shot in frames(browser)]
     shots[0].save(path, save_all=True, append_images=shots[1:], duration=FRAME_MS, loop=0)
 

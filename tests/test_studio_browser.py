@@ -172,8 +172,7 @@ def test_names_are_shown_and_not_run_and_no_request_leaves(page: Chrome, server:
     assert [each for each in addresses if not each.startswith((allowed, "data:", "blob:"))] == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [400, 1400])
+@pytest.mark.parametrize(("width", "scheme"), [(400, "light"), (800, "dark"), (1060, "light")])
 def test_nothing_sticks_out(page: Chrome, server: Server, width: int, scheme: str) -> None:
     opened(page, server.address, width, prefers_color_scheme=scheme)
     assert eventually(lambda: played(page))
