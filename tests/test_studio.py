@@ -124,10 +124,9 @@ def test_a_segment_follows_the_hand_as_near_as_it_can(name: str, end: str) -> No
         changed = getattr(bent, end).configuration
         assert abs(changed[3 + j] - q[3 + j]) < 0.4
         assert np.delete(changed, 3 + j) == pytest.approx(np.delete(q, 3 + j))
-    with pytest.raises(InputError, match="pull.segment"):
-        asked_problem(
-            Ask(problem=document(problem), pull=Pull(end="goal", segment=9, x_m=0, y_m=0))
-        )
+    beyond = Pull(end="goal", segment=9, x_m=0.0, y_m=0.0)
+    with pytest.raises(InputError, match=r"pull\.segment"):
+        asked_problem(Ask(problem=document(problem), pull=beyond))
 
 
 def test_names_with_markup_are_shown_and_not_run() -> None:
