@@ -28,7 +28,9 @@ def frames(browser: Chrome) -> Iterator[Image.Image]:
         return shot.resize((WIDTH * 2 // 3, HEIGHT * 2 // 3), Image.Resampling.LANCZOS)
 
     hand = ActionChains(browser, duration=0)
-    hand.move_to_element(one(browser, ".handle.goal[data-name=unit0]")).click_and_hold().perform()
+    hand.move_to_element(
+        one(browser, ".handle.goal[data-name=segment0]")
+    ).click_and_hold().perform()
     yield from [picture()] * 4
     for step in PULLS:
         answers = browser.execute_script("return latencies.length")

@@ -95,7 +95,7 @@ def test_messages_are_as_the_guide_says() -> None:
     blocks = re.findall(r'title="(\w+).schema.json"\n(.*?)```', text, flags=re.DOTALL)
     schema = {name: json.loads(block) for name, block in blocks}
     assert schema["ask"]["properties"].keys() == Ask.model_fields.keys()
-    ask = Ask(problem=document(PAPER), pull=Pull(end="goal", unit=0, x_m=0.1, y_m=0.2))
+    ask = Ask(problem=document(PAPER), pull=Pull(end="goal", segment=0, x_m=0.1, y_m=0.2))
     jsonschema.validate(ask.model_dump(mode="json"), schema["ask"])
     result = kinds(ask)["result"]
     jsonschema.validate(result, schema["result"])
@@ -108,20 +108,25 @@ def test_who_gives_up_is_not_answered() -> None:
     assert got == ["scene"]
 
 
+@pytest.mark.parametrize("name", ["paper-1", "three-segments"])
 @pytest.mark.parametrize("end", ["start", "goal"])
-@pytest.mark.parametrize("unit", [0, 1])
-def test_a_unit_follows_the_hand_as_near_as_it_can(end: str, unit: int) -> None:
-    rng = np.random.default_rng(unit)
-    for _ in range(5):
-        q = getattr(PAPER, end).configuration.copy()
-        j = 3 + unit
-        q[j] = rng.uniform(-60, 60)
-        x_m, y_m = robot_shape(PAPER.robot.geometry, q, 2).centres[unit].tolist()
-        pull = Pull.model_validate({"end": end, "unit": unit, "x_m": x_m, "y_m": y_m})
-        bent = asked_problem(Ask(problem=document(PAPER), pull=pull))
+def test_a_segment_follows_the_hand_as_near_as_it_can(name: str, end: str) -> None:
+    problem, rng = load_problem(name), np.random.default_rng(1)
+    given = getattr(problem, end).configuration
+    for j in range(len(given) - 3):
+        q = given.copy()
+        q[3 + j] = rng.uniform(-50, 50)
+        shape = robot_shape(problem.robot.geometry, q, 2)
+        outer = (0, 1)[j >= (len(given) - 3) // 2]
+        at = shape.centres[outer] if j in (0, len(given) - 4) else shape.segments[j, -outer]
+        pull = Pull(end=end, segment=j, x_m=float(at[0]), y_m=float(at[1]))  # type: ignore[arg-type]
+        bent = asked_problem(Ask(problem=document(problem), pull=pull))
         changed = getattr(bent, end).configuration
-        assert abs(changed[j] - q[j]) < 0.4
-        assert np.delete(changed, j) == pytest.approx(np.delete(q, j))
+        assert abs(changed[3 + j] - q[3 + j]) < 0.4
+        assert np.delete(changed, 3 + j) == pytest.approx(np.delete(q, 3 + j))
+    beyond = Pull(end="goal", segment=9, x_m=0.0, y_m=0.0)
+    with pytest.raises(InputError, match=r"pull\.segment"):
+        asked_problem(Ask(problem=document(problem), pull=beyond))
 
 
 def test_names_with_markup_are_shown_and_not_run() -> None:

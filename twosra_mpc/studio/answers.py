@@ -16,6 +16,7 @@ import numpy as np
 from twosra_mpc.analysis.critical_path import critical_path
 from twosra_mpc.analysis.explanation import reasons
 from twosra_mpc.effort import limited
+from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
@@ -36,18 +37,19 @@ Record = dict[str, Any]
 
 _FIRST, _MORE = (150.0, 1500.0, 15_000.0), 100.0  # units of work: of plans in turn; of a bound
 _HANDLE_M = 0.11  # from b0 to the handle of the heading
-_SHAPES = 241  # curvatures that are looked at to bring a unit under the hand
+_SHAPES = 241  # curvatures that are looked at to bring a segment under the hand
 _ROOM_M = 0.08  # around a problem, in its picture
 
 
 class Pull(Value):
-    """A unit that is drawn to a point by hand: the segment beside it bends until it is nearest.
+    """A segment's outer end that is drawn to a point: the segment bends until it is nearest.
 
-    ``end`` is "start" or "goal"; ``unit`` 0 or 1.
+    ``end`` is "start" or "goal"; ``segment`` counts from 0. At the outermost segments it is the
+    unit that is drawn.
     """
 
     end: Literal["start", "goal"]
-    unit: Count
+    segment: Count
     x_m: Metres
     y_m: Metres
 
@@ -97,15 +99,30 @@ def asked_problem(ask: Ask) -> Problem:
 
 
 def pulled(problem: Problem, pull: Pull) -> tuple[float, ...]:
-    """Curvatures with which a unit is nearest to a point: only the segment beside it bends."""
+    """Curvatures with which a segment's outer end is nearest to a point: only it bends.
+
+    Raises:
+        InputError: If there is no such segment.
+    """
     q, limit = _configuration(problem, pull.end), problem.robot.limits.curvature_per_m
-    last = len(q) - 1 if pull.unit else POSE
+    if (last := POSE + pull.segment) >= len(q):
+        raise InputError("pull.segment", pull.segment, f"at most {len(q) - POSE - 1}")
     tried = np.repeat(q[None], _SHAPES, axis=0)
     tried[:, last] = np.linspace(-limit, limit, _SHAPES)
-    centres = robot_shape(problem.robot.geometry, tried, 2).centres[:, pull.unit]
-    apart = np.hypot(*(centres - (pull.x_m, pull.y_m)).T)
+    ends = _outer_ends(robot_shape(problem.robot.geometry, tried, 2))[:, pull.segment]
+    apart = np.hypot(*(ends - (pull.x_m, pull.y_m)).T)
     q[last] = round(float(tried[apart.argmin(), last]), 1)
     return tuple(q[POSE:].tolist())
+
+
+def _outer_ends(shape: RobotShape) -> Array:
+    """Ends of the segments away from b0, (..., n, 2); of the outermost, the units' centres."""
+    both, count = shape.segments[..., [0, -1], :], shape.segments.shape[-3]
+    outer = np.where(np.arange(count) < count // 2, 0, 1)[:, None, None]
+    ends: Array = np.take_along_axis(both, np.broadcast_to(outer, (*both.shape[:-2], 1, 2)), -2)
+    ends = ends[..., 0, :]
+    ends[..., 0, :], ends[..., -1, :] = shape.centres[..., 0, :], shape.centres[..., 1, :]
+    return ends
 
 
 def answers(ask: Ask, given_up: GivenUp) -> Iterator[Record]:
@@ -232,7 +249,7 @@ def _handles(q: Array, shape: RobotShape) -> dict[str, list[float]]:
     """Places to take hold of [mm, y down]."""
     heading = q[:2] + _HANDLE_M * np.array([math.cos(q[2]), math.sin(q[2])])
     places = {"place": q[:2], "heading": heading}
-    places |= {f"unit{number}": at for number, at in enumerate(shape.centres)}
+    places |= {f"segment{j}": at for j, at in enumerate(_outer_ends(shape))}
     return {name: [1e3 * float(at[0]), -1e3 * float(at[1])] for name, at in places.items()}
 
 

@@ -270,7 +270,7 @@ function makeHandles() {
   const parts = Object.entries(handles).flatMap(([end, places]) => [
     element("line", { class: "arm", "data-end": end }),
     ...Object.keys(places).map((name) => {
-      const words = name === "place" ? `${end}: position` : name === "heading" ? `${end}: heading` : `${end}: bend beside unit ${Number(name.at(-1)) + 1}`;
+      const words = name === "place" ? `${end}: position` : name === "heading" ? `${end}: heading` : `${end}: bend of segment ${Number(name.at(-1)) + 1}`;
       const shape = name === "heading" ? element("rect", { width: 2 * size, height: 2 * size }) : element("circle", { r: size });
       for (const [key, value] of Object.entries({ class: `handle ${end}`, tabindex: 0, role: "button", "aria-label": words, "data-end": end, "data-name": name })) shape.setAttribute(key, value);
       shape.append(element("title", {}, words));
@@ -333,7 +333,7 @@ function grab(event) {
       now.phi_rad = rounded(Math.atan2(y + cy / 1000, x - cx / 1000));
       moved();
     } else {
-      moved({ pull: { end, unit: Number(name.at(-1)), x_m: x, y_m: y } });
+      moved({ pull: { end, segment: Number(name.at(-1)), x_m: x, y_m: y } });
     }
   });
 }
@@ -352,7 +352,7 @@ function nudge(event) {
   } else if (name === "heading") {
     now.phi_rad = rounded((now.phi_rad ?? 0) - much * STEP.heading * (dx - dy));
   } else {
-    const j = name === "unit0" ? 0 : problem.start.kappa_per_m.length - 1;
+    const j = Number(name.at(-1));
     setValue(end, `kappa_per_m.${j}`, rounded((valueOf(end, `kappa_per_m.${j}`) ?? 0) + much * STEP.bend * (dx + dy)));
   }
   moved();
