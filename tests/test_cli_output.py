@@ -50,7 +50,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
-OWN_TESTS = ("doctor", "reproduce", "batch", "atlas")  # examples run there
+OWN_TESTS = ("doctor", "reproduce", "batch", "atlas", "studio")  # examples run there
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ PACKAGE = Path(twosra_mpc.__file__).parent
 FEW = {  # functions asked for few things ever, so that their caches need no bound
     "cli/doctor.py": "_packages_of_modules: of nothing",
     "arguments.py": "checks: of nothing, for each public function",
+    "files.py": "environment: of a few folders of templates",
     "model/chain.py": "_series: three series",
     "problem/geojson.py": "_units_of_codes: of nothing",
     "keys.py": "_words: of nothing",

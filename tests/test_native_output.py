@@ -29,6 +29,8 @@ QUICK: dict[str, tuple[str, int]] = {
     "plan": ("shape-change", 0),
     "explain": ("shape-change", 0),
     "compare": ("shape-change", 0),
+    "studio": ("paper-1 --port 99999", 2),  # it serves for ever
+    "map": ("rigid-move --over x,phi --size 2", 0),
     "batch": ("plan.json --out runs", 2),  # what its workers print: test_batch
     "atlas": ("no-runs", 2),
     "verify": ("plan.json", 0),
