@@ -72,13 +72,16 @@ class LiveRun:
         settings = ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
         controller = plan_controller(made, robot.camera, settings, robot.think)
         off_C = np.full(len(robot.segments), problem.robot.heater.rigid_setpoint_C)
-        seen = 0
+        frame, seen = robot.q.copy(), 0
         try:
             while controller.verdict is None:
                 while self.pushes:
                     push = self.pushes.popleft()
                     robot.push(np.array([push.x_m, push.y_m, push.phi_rad]))
-                command = controller.step(robot.read())
+                reading = robot.read()
+                if len(reading.frames):
+                    frame = reading.frames[-1]
+                command = controller.step(reading)
                 robot.send(command.wheel_rad_s, command.heater_setpoint_C)
                 belief, policy = controller.belief, controller.policy
                 new, seen = belief.events[seen:], len(belief.events)
@@ -86,7 +89,7 @@ class LiveRun:
                     "kind": "frame",
                     "time_s": robot.time_s,
                     "true": _pose(problem, robot.q),
-                    "seen": _pose(problem, belief.q),
+                    "seen": _pose(problem, frame),
                     "temperature_C": [segment.temperature_C for segment in robot.segments],
                     "measured_C": [segment.measured_C for segment in robot.segments],
                     "melt_fraction": [segment.melt_fraction for segment in robot.segments],
