@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -16,6 +15,8 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.plotting import figures
 
+# Paul Tol's bright colours, which the colour-blind can tell apart.
+_COLOURS = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377"]
 _PALE = 0.75  # share of white in the colour of what takes longest
 _AXES = {"x": "x [m]", "y": "y [m]", "phi": "heading [rad]"}
 
@@ -39,7 +40,7 @@ def plot_map(
         raise InputError("cells", cells, "at least one cell")
     x, y = (sorted({getattr(cell, name) for cell in cells}) for name in ("x", "y"))
     names = sorted({cell.sequence for cell in cells if cell.sequence})
-    colours = dict(zip(names, matplotlib.color_sequences["tab10"] * len(names), strict=False))
+    colours = dict(zip(names, _COLOURS * len(names), strict=False))
     taken = [cell.duration_s for cell in cells if cell.duration_s is not None]
     least, most = (min(taken), max(taken)) if taken else (0.0, 1.0)
     picture = np.ones((len(y), len(x), 3))
