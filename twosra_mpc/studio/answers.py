@@ -36,7 +36,7 @@ GivenUp = Callable[[], bool]
 Record = dict[str, Any]
 
 _FIRST, _MORE = (150.0, 1500.0, 15_000.0), 100.0  # units of work: of plans in turn; of a bound
-_HANDLE_M = 0.11  # from b0 to the handle of the heading
+_HANDLE_M = 0.16  # from b0 to the handle of the heading
 _SHAPES = 241  # curvatures that are looked at to bring a segment under the hand
 _ROOM_M = 0.08  # around a problem, in its picture
 
