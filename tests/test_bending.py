@@ -189,6 +189,19 @@ def test_no_coordinate_changes_faster_than_its_bound(
     rates = coordinate_rates(robot, kappas, mode, unit_speed(robot) * shares)
     known = tuple((k, k) if fixed else None for k, fixed in zip(kappas, is_fixed, strict=True))
     assert np.max(np.abs(rates)) <= bending(robot).fastest(mode, known)
+    twist = kinematics(robot).jacobian([0, 0, 0, *kappas], mode).full()[:, :2] @ shares
+    far_m_s = unit_speed(robot) * float(np.hypot(*twist[:2]))
+    assert far_m_s <= bending(robot).largest_speed_m_s(mode)
+
+
+@each_robot
+@pytest.mark.parametrize("mode", [SOFT_1, SOFT_2, SOFT_BOTH])
+def test_the_largest_speed_of_the_middle_link_is_not_loose(robot: Robot, mode: Mode) -> None:
+    grid, most = np.linspace(-CURVATURE, CURVATURE, 41), 0.0
+    for kappas in itertools.product(grid, grid):
+        columns = kinematics(robot).jacobian([0, 0, 0, *kappas], mode).full()[:2, :2]
+        most = max(most, unit_speed(robot) * float(np.hypot(*columns).sum()))
+    assert most <= bending(robot).largest_speed_m_s(mode) <= 1.35 * most
 
 
 @each_spiral

@@ -333,7 +333,7 @@ def test_the_top_level_stays_small() -> None:
 # second time; 750 and eight files are the studio, with the map of goals and its figure.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_763, 212
 MOST_LINES = 36_468
-MOST_LINES_OF_TESTS = 32_424
+MOST_LINES_OF_TESTS = 32_435
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 291, 45  # paper-1, planned once before
 
 
