@@ -225,10 +225,11 @@ class Driving:
         if not soft:
             return None
         apart = float(np.ptp(away[POSE:][soft])) / 2
-        bent = abs(float((belief.q - self.begun)[POSE:][soft].mean()))
-        if apart > max(patience.stiff_per_m, _STIFF * bent):
+        bent = (belief.q - self.begun)[POSE:][soft]
+        if apart > max(patience.stiff_per_m, _STIFF * abs(float(bent.mean()))):
             text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
-            return Abort("corridor", text, stiff=True, missed=self.phase.mode)
+            stiff = bool(np.ptp(np.abs(bent)) > _STIFF * np.abs(bent).max())  # or both have bent
+            return Abort("corridor", text, stiff=stiff, missed=self.phase.mode)
         return None
 
     def _predicted_miss(self) -> Array:
