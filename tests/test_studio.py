@@ -8,6 +8,7 @@ import math
 import re
 import threading
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlparse
@@ -23,10 +24,11 @@ from twosra_mpc import Problem, load_plan, load_problem
 from twosra_mpc.analysis.goal_map import goal_map, moved
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.studio import Server, widget
-from twosra_mpc.studio.answers import Ask, Pull, answers, asked_problem, document
+from twosra_mpc.studio.answers import Ask, GivenUp, Pull, answers, asked_problem, document
 from twosra_mpc.studio.live import LiveRun, Push, Run
 from twosra_mpc.studio.saved import Saved, saved
 
@@ -109,6 +111,16 @@ def test_who_gives_up_is_not_answered() -> None:
     assert got == ["scene"]
 
 
+def test_a_long_search_makes_room_for_others_and_ends_as_without_them() -> None:
+    problem = document(load_problem("doorway"))
+    waits = iter([True] * 3)
+    hurried = list(answers(Ask(problem=problem), never, lambda: next(waits, False)))
+    calm = list(answers(Ask(problem=problem), never))
+    assert "waiting" in [record["kind"] for record in hurried]
+    assert [record for record in hurried if record["kind"] != "waiting"] == calm
+    assert calm[-1]["complete"]
+
+
 @pytest.mark.parametrize("name", ["paper-1", "three-segments"])
 @pytest.mark.parametrize("end", ["start", "goal"])
 def test_a_segment_follows_the_hand_as_near_as_it_can(name: str, end: str) -> None:
@@ -183,6 +195,17 @@ def test_a_run_is_what_the_executor_does_and_a_push_is_made_good() -> None:
     assert math.hypot(x - goal[0], -y - goal[1]) < 0.003
 
 
+def test_a_live_run_is_the_run_that_is_simulated() -> None:
+    """Clearance that the level needs included."""
+    wall = {"name": "wall", "disc": {"x_m": 0.1, "y_m": 0.05, "radius_m": 0.02}}
+    problem = Problem(**document(load_problem("rigid-move")) | {"obstacles": [wall]})
+    frames = list(LiveRun(Run(problem=document(problem), seed=3)).frames())
+    told = [tuple(event) for frame in frames for event in frame["events"]]
+    assert told == list(simulate(problem, seed=3).run.events)
+    assert any("clearance are needed" in text for _, _, text in told)
+    assert frames[0]["plan"] is not None
+
+
 def test_a_push_moves_the_plant() -> None:
     for plant in ("arc", "mujoco"):
         robot = SimulatedRobot(PAPER, plant)
@@ -244,6 +267,31 @@ def test_closed_connections_leave_nothing_running(server: Server) -> None:
         assert [record["kind"] for record in records[:2]] == ["run", "frame"]
     assert post(server, "/plan", {"problem": document(PAPER)})[1][-1]["found"]
     assert eventually(lambda: threading.active_count() <= threads and not server._runs)
+
+
+def test_a_search_knows_that_another_page_waits(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, told = list[Ask](), list[str]()
+
+    def search(ask: Ask, _: GivenUp, others_wait: GivenUp) -> Iterator[dict[str, Any]]:
+        yield {"kind": "result"}
+        if ask.film:  # the long one
+            begun.append(ask)
+            yield {"kind": "waiting" if eventually(others_wait) else "alone"}
+
+    monkeypatch.setattr("twosra_mpc.studio.server.answers", search)
+
+    def long() -> None:
+        told.extend(record["kind"] for record in post(server, "/plan", asked | {"film": True})[1])
+
+    asked = {"problem": document(PAPER)}
+    thread = threading.Thread(target=long)
+    thread.start()
+    assert eventually(lambda: begun)
+    assert post(server, "/plan", asked)[1] == [{"kind": "result"}]
+    thread.join()
+    assert told == ["result", "waiting"]
 
 
 def test_all_kinds_of_messages_are_answered(server: Server) -> None:

@@ -188,12 +188,12 @@ class Plan(ArrayValue):
     @property
     def gap(self) -> float | None:
         """Proved relative gap (cost - lower bound) / cost; None without a lower bound."""
-        return _gap(self.cost.total, self.lower_bound)
+        return relative_gap(self.cost.total, self.lower_bound)
 
     @property
     def search_gap(self) -> float | None:
         """Relative gap of the same plan at full speed, which the search proved; None if unknown."""
-        return _gap(self.fastest_cost, self.lower_bound)
+        return relative_gap(self.fastest_cost, self.lower_bound)
 
     @property
     def slower_by(self) -> float | None:
@@ -276,7 +276,7 @@ class Plan(ArrayValue):
         }
 
 
-def _gap(cost: float | None, lower_bound: float | None) -> float | None:
+def relative_gap(cost: float | None, lower_bound: float | None) -> float | None:
     """Relative gap (cost - lower bound) / cost; None where one of them is not known."""
     if cost is None or lower_bound is None:
         return None

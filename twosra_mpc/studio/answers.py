@@ -21,7 +21,7 @@ from twosra_mpc.files import built_in_names
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
 from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.plan import Plan, relative_gap
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting.world_figures import outlines_m
 from twosra_mpc.problem.problem import Problem
@@ -35,7 +35,8 @@ from twosra_mpc.validation import Count, Metres, Numbers, Value
 GivenUp = Callable[[], bool]
 Record = dict[str, Any]
 
-_FIRST, _MORE = (150.0, 1500.0, 15_000.0), 100.0  # units of work: of plans in turn; of a bound
+_WORK = 150.0, 1500.0, math.inf  # units of plans in turn; the last has the problem's own limit
+_BOUND = 100.0  # units of the bound without surroundings
 _HANDLE_M = 0.16  # from b0 to the handle of the heading
 _SHAPES = 241  # curvatures that are looked at to bring a segment under the hand
 _ROOM_M = 0.08  # around a problem, in its picture
@@ -125,8 +126,11 @@ def _outer_ends(shape: RobotShape) -> Array:
     return ends
 
 
-def answers(ask: Ask, given_up: GivenUp) -> Iterator[Record]:
+def answers(ask: Ask, given_up: GivenUp, others_wait: GivenUp = lambda: False) -> Iterator[Record]:
     """Draw a problem and plan it, better and better; with ``film``, play the last plan.
+
+    Once there is a first answer, a longer search makes room while others wait for theirs: it ends
+    with a record ``waiting``, and begins again after them.
 
     Raises:
         InputError: If the problem is none.
@@ -134,27 +138,45 @@ def answers(ask: Ask, given_up: GivenUp) -> Iterator[Record]:
     problem = asked_problem(ask)
     shown = scene(problem, ask.box_mm, plane=ask.film)
     yield shown
-    around = bool(problem.obstacles or problem.objects or problem.tasks)
+    around = bool(problem.obstacles or problem.objects)
     if around and not problem.tasks and problem.planner == "optimal":
-        with limited(_MORE, math.inf, given_up):
+        with limited(_BOUND, math.inf, given_up):
             free = plan(problem.with_values(obstacles=(), objects=(), workspace=None))
         if free.lower_bound is not None:
             yield {"kind": "bound", "lower_bound_s": free.lower_bound}
-    for work in _FIRST:
-        with limited(work, math.inf, given_up):
-            result = plan(problem)
-        if given_up():
-            return
-        closed = not result.stopped_early
-        yield told(result, complete=closed or work == _FIRST[-1])
-        if closed:
+    for work in _WORK:
+        while True:
+            result, whole = _planned(problem, work, given_up, others_wait)
+            if given_up():
+                return
+            if whole:
+                break
+            yield {"kind": "waiting"}
+        complete = work == _WORK[-1] or not result.stopped_early
+        yield told(result, complete=complete)
+        if complete:
             break
     if ask.film and result.found and result.plan is not None:
         yield _film(result.plan, _greedy(problem) if ask.greedy else None, shown["box_mm"])
-        with limited(_FIRST[-1], math.inf, given_up):
+        with limited(math.inf, math.inf, given_up):
             lower_s = confirmed_lower_bound(result.plan)
-        if not given_up():
-            yield {"kind": "confirmed", "gap": _gap(result.plan.confirmed_s, lower_s)}
+        yield {"kind": "confirmed", "gap": relative_gap(result.plan.confirmed_s, lower_s)}
+
+
+def _planned(
+    problem: Problem, work: float, given_up: GivenUp, others_wait: GivenUp
+) -> tuple[Result, bool]:
+    """Plan with so much work; False if others had to wait, so that less was done."""
+    left = False
+
+    def ends() -> bool:
+        nonlocal left
+        left = left or (work > _WORK[0] and others_wait())
+        return left or given_up()
+
+    with limited(work, math.inf, ends):
+        result = plan(problem)
+    return result, not left
 
 
 def told(result: Result, *, complete: bool) -> Record:
@@ -189,17 +211,13 @@ def told(result: Result, *, complete: bool) -> Record:
         "energy_J": made.cost.energy_J,
         "transitions": made.cost.transitions,
         "why": why,
-        "path": [player.svg_points(at) for at in _path(made)],
+        "path": way_of(made),
     }
 
 
-def _gap(value: float | None, lower: float | None) -> float | None:
-    return None if not value or lower is None else max(0.0, 1 - lower / value)
-
-
-def _path(made: Plan) -> Array:
-    """Way of b0, (m, 2)."""
-    return made.samples.q[:, :2]
+def way_of(made: Plan) -> list[str]:
+    """Way of b0, as SVG points [mm, y down]."""
+    return [player.svg_points(at) for at in made.samples.q[:, :2]]
 
 
 def scene(problem: Problem, box_mm: Sequence[float] | None = None, *, plane: bool = True) -> Record:

@@ -10,15 +10,17 @@ import numpy as np
 
 from twosra_mpc.execution.executor import plan_controller
 from twosra_mpc.execution.robot_interface import still
-from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.simulate import settings_for
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import player
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.studio.answers import way_of
 from twosra_mpc.validation import Count, Metres, Positive, Radians, Several, Value
 
 
@@ -69,10 +71,9 @@ class LiveRun:
             problem, asked.plant, level, asked.seed, broken_heaters=asked.broken_heaters
         )
         made = plan(problem.with_values(planner="optimal")).require()
-        settings = ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
-        controller = plan_controller(made, robot.camera, settings, robot.think)
+        controller = plan_controller(made, robot.camera, settings_for(level), robot.think)
         off_C = np.full(len(robot.segments), problem.robot.heater.rigid_setpoint_C)
-        frame, seen = robot.q.copy(), 0
+        frame, seen, shown = robot.q.copy(), 0, None
         try:
             while controller.verdict is None:
                 while self.pushes:
@@ -85,6 +86,7 @@ class LiveRun:
                 robot.send(command.wheel_rad_s, command.heater_setpoint_C)
                 belief, policy = controller.belief, controller.policy
                 new, seen = belief.events[seen:], len(belief.events)
+                in_force = policy.course.plan  # type: ignore[attr-defined]  # it follows one
                 yield {
                     "kind": "frame",
                     "time_s": robot.time_s,
@@ -96,8 +98,9 @@ class LiveRun:
                     "doing": policy.during,
                     "events": [[event.time_s, event.kind, event.text] for event in new],
                     "ended": controller.verdict and str(controller.verdict.ending),
-                    "plan": _plan(policy),
+                    "plan": None if in_force is shown else _told(in_force),
                 }
+                shown = in_force
                 robot.wait(command.at_most_s)
         finally:
             robot.send(still(), off_C)
@@ -107,8 +110,6 @@ def _pose(problem: Problem, q: Array) -> dict[str, Any]:
     return player.pose(robot_shape(problem.robot.geometry, q, player.ARC_POINTS))
 
 
-def _plan(policy: Any) -> dict[str, Any]:
-    """The plan in force: its sequence and the way of b0."""
-    made = policy.course.plan
-    way = [player.svg_points(at) for at in made.samples.q[:, :2]]
-    return {"sequence": sequence_name(made.sequence), "path": way, "duration_s": made.duration_s}
+def _told(made: Plan) -> dict[str, Any]:
+    """A plan: its sequence and the way of b0."""
+    return {"sequence": sequence_name(made.sequence), "path": way_of(made)}

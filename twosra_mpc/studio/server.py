@@ -42,6 +42,8 @@ _LARGEST = 1_000_000  # bytes of a message
 _HOSTS = ("127.0.0.1", "localhost")
 _FRAME_S = 0.05  # between two frames of a run that are shown
 
+_NO_ANSWER = "scene", "run", "ranges"  # kinds of records that come before any work
+
 Record = dict[str, Any]
 Message = TypeVar("Message", bound=Value)
 Work = Callable[[GivenUp], Iterator[Record]]
@@ -86,6 +88,7 @@ class Server:
         self._port = self._socket.getsockname()[1]
         self.address = f"http://{_HOSTS[0]}:{self._port}/?token={self._token}"
         self._runs = dict[str, LiveRun]()
+        self._unanswered = set[threading.Event]()  # those who wait for a first answer
         self._worker = ThreadPoolExecutor(1, "studio")
         self._app = self._make_app()
 
@@ -196,7 +199,7 @@ class Server:
 
     async def _plan(self, given: Record) -> Response:
         ask = Ask(**given)
-        return self._stream(lambda given_up: answers(ask, given_up))
+        return self._stream(lambda given_up: answers(ask, given_up, lambda: bool(self._unanswered)))
 
     async def _map(self, given: Record) -> Response:
         asked = MapAsked(**given)
@@ -262,17 +265,21 @@ class Server:
         async def lines() -> AsyncIterator[bytes]:
             loop, over = asyncio.get_running_loop(), threading.Event()
             records = work(over.is_set)
+            self._unanswered.add(over)
             try:
                 while True:
                     record = await loop.run_in_executor(self._worker, _next, records)
                     if record is None:
                         return
+                    if record["kind"] not in _NO_ANSWER:
+                        self._unanswered.discard(over)
                     late_s = due_s(record)
                     if late_s > 0:
                         await asyncio.sleep(late_s)
                     yield json.dumps(plain_data(record), allow_nan=False).encode() + b"\n"
             finally:
                 over.set()
+                self._unanswered.discard(over)
                 self._worker.submit(_closed, records)
 
         return StreamingResponse(lines(), media_type="application/x-ndjson")
@@ -306,15 +313,16 @@ def _refused(words: str) -> Record:
 def _paced(steps: Iterator[Record], speed: float) -> Iterator[Record]:
     """Frames of a run that are worth showing, each with how long it is early."""
     began_s = shown_s = time.monotonic()
-    events = list[Any]()
+    events, plan = list[Any](), None
     for frame in steps:
         events += frame["events"]
+        plan = frame["plan"] or plan
         now_s = time.monotonic()
         early_s = began_s + frame["time_s"] / speed - now_s
         if max(early_s, now_s - shown_s) > _FRAME_S or frame["ended"]:
             shown_s = now_s
-            yield {**frame, "events": events, "early_s": max(0.0, early_s)}
-            events = []
+            yield {**frame, "events": events, "plan": plan, "early_s": max(0.0, early_s)}
+            events, plan = [], None
 
 
 def _due_s(record: Record) -> float:

@@ -106,7 +106,7 @@ function take(record, asked, mine) {
     sessionStorage.setItem("problem", JSON.stringify(problem));
     showScene(record);
   } else if (record.kind === "bound") {
-    byId("gap").textContent = `at least ${seconds(record.lower_bound_s)}`;
+    byId("message").textContent = `proved without obstacles: no plan costs less than ${seconds(record.lower_bound_s)}`;
   } else if (record.kind === "result") {
     showResult(record);
   } else if (record.kind === "film") {
@@ -155,7 +155,7 @@ function showResult(made) {
   byId("status").textContent = made.complete ? made.status : searching;
   impossible(!made.found && made.complete);
   byId("sequence").textContent = made.found ? made.sequence : "";
-  byId("message").textContent = made.found || !made.complete ? "" : made.message;
+  if (made.found || made.complete) byId("message").textContent = made.found ? "" : made.message;
   byId("why").textContent = made.found ? made.why : "";
   byId("duration").textContent = made.found ? seconds(made.duration_s) : "–";
   byId("confirmed").textContent = made.found ? seconds(made.confirmed_s) : "–";
@@ -495,9 +495,12 @@ function showFrame(frame) {
   if (!live.children.length) live.append(element("g", { class: "true" }), element("g", { class: "seen" }));
   outline(live.children[0], frame.true);
   outline(live.children[1], frame.seen);
-  byId("way").replaceChildren(element("polyline", { points: frame.plan.path.join(" "), fill: "none" }));
+  if (frame.plan) {
+    run.sequence = frame.plan.sequence;
+    byId("way").replaceChildren(element("polyline", { points: frame.plan.path.join(" "), fill: "none" }));
+  }
   const warm = frame.temperature_C.map((value, j) => `${value.toFixed(1)} °C (${(100 * frame.melt_fraction[j]).toFixed(0)} % molten)`).join(", ");
-  byId("run-clock").textContent = `${seconds(frame.time_s)}: ${frame.ended ?? frame.doing}; ${warm}; plan ${frame.plan.sequence}`;
+  byId("run-clock").textContent = `${seconds(frame.time_s)}: ${frame.ended ?? frame.doing}; ${warm}; plan ${run.sequence}`;
   for (const [time, kind, text] of frame.events) {
     byId("events").append(html("li", {}, `${time.toFixed(1)} s, ${kind}: ${text}`));
     byId("events").scrollTop = byId("events").scrollHeight;

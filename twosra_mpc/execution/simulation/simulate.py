@@ -17,7 +17,7 @@ from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.mission import away
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
-from twosra_mpc.execution.simulation.disturbance import disturbance_level
+from twosra_mpc.execution.simulation.disturbance import Disturbance, disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.files import plain_data
 from twosra_mpc.planning.planner import plan as find_plan
@@ -204,6 +204,12 @@ class Simulation(ArrayValue):
         }
 
 
+def settings_for(level: Disturbance) -> ExecutorSettings:
+    """Settings of an executor that knows a level's dead zone, and the clearance that it needs."""
+    dead_rad_s, room_m = level.dead_zone_rad_s, level.clearance_m
+    return ExecutorSettings(dead_zone_rad_s=dead_rad_s, clearance_m=room_m)
+
+
 @public
 def simulate(
     problem: Problem,
@@ -242,8 +248,7 @@ def simulate(
     robot = SimulatedRobot(
         problem, plant, level, seed, broken_heaters=broken_heaters, viewer=viewer
     )
-    dead_rad_s, room_m = level.dead_zone_rad_s, level.clearance_m
-    chosen = settings or ExecutorSettings(dead_zone_rad_s=dead_rad_s, clearance_m=room_m)
+    chosen = settings or settings_for(level)
     if executor == "greedy":
         run = Executor(robot, chosen).drive(problem)
     else:
