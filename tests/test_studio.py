@@ -242,7 +242,13 @@ def test_the_server_answers_its_page_alone(server: Server) -> None:
         status, records = post(server, "/plan", problem, **wrong)
         assert (status, records[0]["kind"]) == (403, "refused"), wrong
     assert post(server, "/plan", {"problem": "x" * 10_000_000})[0] == 413
-    for wrong_message in ("no JSON", "[1]", {"problems": 1}, {"problem": {}, "film": "yes"}):
+    for wrong_message in (
+        "no JSON",
+        "[1]",
+        "[" * 100_000,
+        {"problems": 1},
+        {"problem": {}, "film": "yes"},
+    ):
         status, records = post(server, "/plan", wrong_message)
         assert (status in (200, 400), records[-1]["kind"]) == (True, "refused"), wrong_message
     outside = document(PAPER)

@@ -161,7 +161,7 @@ class Server:
                 if not isinstance(given, dict):
                     raise InputError("message", type(given).__name__, "a JSON object")
                 found: Response = await answer(given)
-            except (ValueError, TwosraError) as error:
+            except (ValueError, RecursionError, TwosraError) as error:
                 return JSONResponse(_told(error), 400)
             return found
 
@@ -217,9 +217,9 @@ class Server:
 
     async def _run(self, given: Record) -> Response:
         run, number = LiveRun(Run(**given)), secrets.token_hex(4)
-        self._runs[number] = run
 
         def frames(given_up: GivenUp) -> Iterator[Record]:
+            self._runs[number] = run
             try:
                 yield {"kind": "run", "run": number}
                 with closing(run.frames()) as steps:
@@ -301,7 +301,7 @@ def _told(error: Exception) -> Record:
     """What went wrong, in words."""
     if isinstance(error, InputError):
         return {**_refused(str(error)), "field": error.field}
-    if isinstance(error, TwosraError | ValueError | OSError):
+    if isinstance(error, TwosraError | ValueError | RecursionError | OSError):
         return _refused(str(error))
     return _refused(f"this is a bug ({printable(f'{type(error).__name__}: {error}')})")
 
