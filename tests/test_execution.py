@@ -186,7 +186,7 @@ class Pushed(SimulatedRobot):
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         super().send(wheel_rad_s, heater_setpoint_C)
         if self.mode == self.at_mode and wheel_rad_s.any() and not self.pushed:
-            self.q = self.q + self.push
+            self._motion.q = self.q + self.push
             self.pushed = True
 
 

@@ -17,7 +17,7 @@ from once import planned
 from simulated_firmware import SimulatedFirmware, assert_off
 
 from twosra_mpc import InputError, Robot, load_robot
-from twosra_mpc.execution.robot_interface import RobotError
+from twosra_mpc.errors import RobotError
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.lab.bench.jog import (
     HEATED_S,

@@ -51,7 +51,7 @@ class Dragged(SimulatedRobot):
 
     def wait(self, at_most_s: float) -> None:
         if self._told_rad_s.any():
-            self.q = self.q + ASIDE
+            self.push(ASIDE[:3])
         super().wait(at_most_s)
 
 
@@ -145,7 +145,8 @@ def test_a_rigid_drive_that_leaves_its_narrow_corridor_is_planned_again(straight
         def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
             super().send(wheel_rad_s, heater_setpoint_C)
             if wheel_rad_s.any() and not self.pushed:
-                self.q, self.pushed = self.q - 7.5 * ASIDE, True
+                self.pushed = True
+                self.push(-7.5 * ASIDE[:3])
 
     far = {"name": "far", "disc": {"x_m": 0.0, "y_m": 2.0, "radius_m": 0.1}}
     for made, corrections in ((straight, 0), (among(straight, obstacles=[far]), 1)):

@@ -34,6 +34,10 @@ class TwosraError(Exception):
         return (type(self).__new__, (type(self), *self.args), vars(self))
 
 
+class RobotError(TwosraError):
+    """The robot cannot be driven any more: its line is dead, it is silent, or it is in danger."""
+
+
 class InputWarning(UserWarning):
     """Input is legal, and probably not what was meant: another unit or frame, parts left out."""
 

@@ -109,7 +109,8 @@ def _driven(made: Plan, phase: Phase, engine: Engine, wheels: _Wheels) -> dict[s
         abs((q - last)[soft].mean()) > _RIGHT_PER_M and time_s < phase.end_s + _LONGEST_S
     ):
         turned = _PERIOD_S * wheels(time_s, q)
-        q = engine.roll(turned, list(map(float, phase.mode)), _PERIOD_S).copy()
+        engine.roll(turned, list(map(float, phase.mode)), _PERIOD_S)
+        q = engine.q
         time_s += _PERIOD_S
         planned = made.trajectory.configuration([min(time_s, phase.end_s)])[0]
         way_m = max(way_m, math.hypot(*(q - planned)[:2]))

@@ -1,4 +1,5 @@
 from twosra_mpc.control.stiffness import KnownStiffness as KnownStiffness
+from twosra_mpc.errors import RobotError as RobotError
 from twosra_mpc.execution.controller import Controller as Controller
 from twosra_mpc.execution.executor import Executor as Executor
 from twosra_mpc.execution.executor import greedy_controller as greedy_controller
@@ -6,7 +7,6 @@ from twosra_mpc.execution.executor import plan_controller as plan_controller
 from twosra_mpc.execution.robot_interface import Camera as Camera
 from twosra_mpc.execution.robot_interface import Command as Command
 from twosra_mpc.execution.robot_interface import Reading as Reading
-from twosra_mpc.execution.robot_interface import RobotError as RobotError
 from twosra_mpc.execution.robot_interface import RobotInterface as RobotInterface
 from twosra_mpc.execution.run import Ending as Ending
 from twosra_mpc.execution.run import Run as Run

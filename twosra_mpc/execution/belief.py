@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.control.stiffness import KnownStiffness, clearly_rigid, clearly_soft
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import (
@@ -19,7 +19,7 @@ from twosra_mpc.execution.guard import (
     TooNearError,
     bends_into_itself,
 )
-from twosra_mpc.execution.robot_interface import Camera, Command, Reading, RobotError
+from twosra_mpc.execution.robot_interface import Camera, Command, Reading
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
 from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience

@@ -26,7 +26,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
+from twosra_mpc.errors import RobotError
+from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 
 RESPONSE_DOUBT = 0.5  # standard deviation of a mode's response about 1 before it has moved

@@ -8,13 +8,14 @@ command, lets time pass, and reads. Its state is its belief and one activity, wh
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
+from typing import Protocol, get_args
 
 import numpy as np
 
 from twosra_mpc.arguments import public
+from twosra_mpc.errors import TwosraError
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.doubt import Doubt, DoubtError
 from twosra_mpc.execution.guard import TooNearError
@@ -23,8 +24,33 @@ from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode
 
-Trouble = SegmentError | DoubtError | TooNearError
+
+@dataclass(eq=False)
+class AstrayError(TwosraError):
+    """The rest of a plan does not lead to where it should.
+
+    Attributes:
+        text: Why, in words.
+        stiff: Whether a segment that is reported soft seems to need more time.
+        missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
+    """
+
+    text: str
+    stiff: bool = field(default=False, kw_only=True)
+    missed: Mode | None = field(default=None, kw_only=True)
+
+
+class UnseenError(TwosraError):
+    """Nothing sees the robot any more."""
+
+
+class ObjectLostError(TwosraError):
+    """An object is not where it was held or put."""
+
+
+Trouble = SegmentError | DoubtError | TooNearError | AstrayError | UnseenError | ObjectLostError
 
 _LOOK_PERIODS = 3  # of the camera, between two looks at a robot at rest
 _LOOK, _LOOK_S = 0.15, 3.0  # at what may not bend: of a frame's deviation, and for so long
@@ -163,7 +189,7 @@ class Controller:
                     return self.belief.give(activity)
                 self._activity = activity
                 activity = activity.advance()
-            except (SegmentError, DoubtError, TooNearError) as trouble:
+            except get_args(Trouble) as trouble:
                 activity = self._troubled(trouble)
         self.verdict = activity
         self.belief.tell("end", activity.reason)

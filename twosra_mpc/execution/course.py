@@ -9,7 +9,7 @@ goes off when the last phase in which the segment must be soft is done, not at a
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal, NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -23,24 +23,6 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
-
-
-class Abort(NamedTuple):
-    """Reason why a plan cannot be followed to its end.
-
-    Attributes:
-        kind: "corridor": the rest of the plan does not lead to the goal from here; "camera":
-            nothing sees the robot; "task": a task is not done where it should be; "lost": an object
-            is not where it was held or put.
-        text: The same in words.
-        stiff: Whether a segment that is reported soft seems to need more time.
-        missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
-    """
-
-    kind: Literal["corridor", "camera", "task", "lost"]
-    text: str
-    stiff: bool = False
-    missed: Mode | None = None
 
 
 class Course:
@@ -152,9 +134,6 @@ class PlanPolicy(Policy, Protocol):
 
     def learnt(self, index: int, what: str) -> Next | None:
         """What to do about what has become known while a phase is waited for; None: wait on."""
-
-    def left(self, abort: Abort) -> Next:
-        """What to do when the plan cannot be followed any farther."""
 
 
 class Waiting:

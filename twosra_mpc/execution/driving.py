@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.execution.controller import Looking, Next, rest
-from twosra_mpc.execution.course import Abort
+from twosra_mpc.execution.controller import AstrayError, Looking, Next, UnseenError, rest
 from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
@@ -98,8 +97,8 @@ class Driving:
         planned, off, over = course.planned, self._off(), course.clock_s >= self.phase.end_s
         if (over and off <= self._near_enough()) or self._left_s <= 0.0:
             return self.ended()
-        if (abort := self._outside(planned) or self.mission.dropped()) is not None:
-            return run.left(abort)
+        self._keep_within(planned)
+        self.mission.check_held()
         time_s = course.clock_s + (belief.camera.period_s if over else 0.0)  # then the path rests
         slower = 1.0
         if belief.guard is not None:
@@ -127,7 +126,7 @@ class Driving:
         if not belief.blind:
             return None
         if belief.gives_up_seeing:
-            return self.run.left(Abort("camera", belief.unseen))
+            raise UnseenError(belief.unseen)
         return rest(belief, self.run.setpoint_C, belief.camera.period_s, course.planned)
 
     def ended(self) -> Next:
@@ -150,7 +149,7 @@ class Driving:
         away = self.belief.q - self.course.planned
         away[2] = math.remainder(float(away[2]), math.tau)
         if self.bends and self.belief.accuracy.of_pose(away) > 1.0:
-            return self.run.left(Abort("corridor", "the robot is not where it is to bend"))
+            raise AstrayError("the robot is not where it is to bend")
         return self.run.phase_done(self.index)
 
     def _judged_bends(self) -> Next:
@@ -172,8 +171,7 @@ class Driving:
         far = bool(np.abs(missed[POSE:]).max() > patience.stiff_per_m)
         bent = self.belief.doubt is not None and self.belief.doubt.each_bends
         text = f"the plan would miss the curvatures by {bends} 1/m"
-        stiff = far and not bent
-        return self.run.left(Abort("corridor", text, stiff=stiff, missed=self.phase.mode))
+        raise AstrayError(text, stiff=far and not bent, missed=self.phase.mode)
 
     @property
     def _seen(self) -> Array:
@@ -211,8 +209,8 @@ class Driving:
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
 
-    def _outside(self, planned: Array) -> Abort | None:
-        """Abort where the robot has left the corridor, or soft segments have bent apart."""
+    def _keep_within(self, planned: Array) -> None:
+        """Leave the plan where the robot has left its corridor, or soft segments bend apart."""
         belief, patience = self.belief, self.patience
         away, soft = belief.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
@@ -220,17 +218,16 @@ class Driving:
         if self.rigid and belief.guard is not None:
             lost = belief.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
         if lost:
-            text = f"the robot is {1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad from the plan"
-            return Abort("corridor", text)
+            away_mm = f"{1e3 * far_m:z.0f} mm"
+            raise AstrayError(f"the robot is {away_mm} and {abs(turn):z.2f} rad from the plan")
         if not soft:
-            return None
+            return
         apart = float(np.ptp(away[POSE:][soft])) / 2
         bent = (belief.q - self.begun)[POSE:][soft]
         if apart > max(patience.stiff_per_m, _STIFF * abs(float(bent.mean()))):
             text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
             stiff = bool(np.ptp(np.abs(bent)) > _STIFF * np.abs(bent).max())  # or both have bent
-            return Abort("corridor", text, stiff=stiff, missed=self.phase.mode)
-        return None
+            raise AstrayError(text, stiff=stiff, missed=self.phase.mode)
 
     def _predicted_miss(self) -> Array:
         """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""

@@ -9,8 +9,17 @@ from functools import partial
 import numpy as np
 
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.controller import Activity, Next, Trouble, look_at_objects, look_at_robot
-from twosra_mpc.execution.course import Abort, Course, PlanPolicy, Waiting
+from twosra_mpc.execution.controller import (
+    Activity,
+    AstrayError,
+    Next,
+    ObjectLostError,
+    Trouble,
+    UnseenError,
+    look_at_objects,
+    look_at_robot,
+)
+from twosra_mpc.execution.course import Course, PlanPolicy, Waiting
 from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.driving import Driving, Pulses
 from twosra_mpc.execution.guard import MeetsItselfError
@@ -145,6 +154,13 @@ class Following(PlanPolicy):
     def troubled(self, trouble: Trouble) -> Next:
         """Go on after a trouble, or end."""
         driving, text = self.driving, str(trouble)
+        if isinstance(trouble, UnseenError):
+            return self.verdict(*self.belief.ending_unseen(left=bool(self.mission.left)))
+        if isinstance(trouble, ObjectLostError):
+            return self._lost(text)
+        if isinstance(trouble, AstrayError):
+            self.missed += [] if trouble.missed is None else [trouble.missed]
+            return self._astray(text, melting_on=trouble.stiff)
         if isinstance(trouble, SegmentError):
             if trouble.cause != "heater":  # which may not be needed
                 return self.verdict(trouble.ending, text)
@@ -155,7 +171,7 @@ class Following(PlanPolicy):
             if driving is not None and not driving.rigid and self.mission.closes:
                 return driving.ended()  # what it closes round may keep it from bending
             if trouble.stalled:
-                return self.left(Abort("corridor", text, stiff=trouble.bends))
+                return self._astray(text, melting_on=trouble.bends)
             return self._doubts(trouble)
         bends_back = isinstance(trouble, MeetsItselfError)
         if driving is not None and not bends_back and self._goes_on():
@@ -175,15 +191,9 @@ class Following(PlanPolicy):
         near |= belief.guard.off_m(away) > _NEAR_PLAN * self.patience.narrow_m
         return not near and self._stopped_s >= before_s + _ON_S
 
-    def left(self, left: Abort) -> Next:
-        """What follows when a plan is left: an ending, or that the rest is planned again."""
-        if left.kind == "camera":
-            return self.verdict(*self.belief.ending_unseen(left=bool(self.mission.left)))
-        if left.kind == "lost":
-            return self._lost(left.text)
-        self.belief.tell("look", left.text)
-        self.missed += [] if left.missed is None else [left.missed]
-        return Replanning(self, melting_on=left.stiff)
+    def _astray(self, text: str, *, melting_on: bool) -> Next:
+        self.belief.tell("look", text)
+        return Replanning(self, melting_on=melting_on)
 
     def _doubts(self, doubt: DoubtError) -> Next:
         """Heat on and try again, once: a segment may be soft later than its sensor says.
@@ -298,8 +308,7 @@ class _DueTasks:
                 at = run.belief, run.patience
                 return look_at_objects(*at, partial(look_at_robot, *at, self._on))
             self._looked = False
-            if (left := mission.judge()) is not None:
-                return run.left(left)
+            mission.judge()
         course, index = run.course, self._index
         known = "may begin" if self._begins else "is waited for"
         if (other := run.learnt(index, f"{course.name(index)} {known}")) is not None:

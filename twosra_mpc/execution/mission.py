@@ -13,7 +13,7 @@ from collections import Counter
 import numpy as np
 
 from twosra_mpc.execution.belief import Belief
-from twosra_mpc.execution.course import Abort
+from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
@@ -112,26 +112,35 @@ class Mission:
         """The next task, if its time in the plan has come."""
         return self._left[0] if self._ends and self._ends[0] <= clock_s + SAME_TIME_S else None
 
-    def judge(self) -> Abort | None:
-        """Judge the task that is due; at one that ends at rest, objects were looked at."""
-        task = self._left[0]
-        if task.rests and self.belief.unseen_s > self._patience.unseen_s:
-            return Abort("camera", self.belief.unseen)
-        left = (self.dropped() if task.rests else None) or self._not_done(task)
-        if left is None:
-            self._done()
-        return left
+    def judge(self) -> None:
+        """Judge the task that is due; at one that ends at rest, objects were looked at.
 
-    def dropped(self) -> Abort | None:
-        """True if what is held is not where it is held."""
+        Raises:
+            UnseenError: If it ends at rest, and nothing sees the robot.
+            AstrayError: If it is not done.
+            ObjectLostError: If its object is not where it was held or put.
+        """
+        task = self._left[0]
+        if task.rests:
+            if self.belief.unseen_s > self._patience.unseen_s:
+                raise UnseenError(self.belief.unseen)
+            self.check_held()
+        self._check(task)
+        self._done()
+
+    def check_held(self) -> None:
+        """Check that what is held is where it is held.
+
+        Raises:
+            ObjectLostError: If it is not.
+        """
         belief, hold = self.belief, self._hold
         if hold is None or belief.objects is None or not belief.objects.seen:
-            return None
+            return
         away_m = math.hypot(*(belief.objects.in_b0[hold.object] - hold.pose_in_b0)[:2])
-        if away_m <= HOLD_M + self._room_m:
-            return None
-        name = self.problem.objects[hold.object].name
-        return Abort("lost", f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
+        if away_m > HOLD_M + self._room_m:
+            name = self.problem.objects[hold.object].name
+            raise ObjectLostError(f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
 
     @property
     def account(self) -> tuple[tuple[float, ...], int]:
@@ -187,68 +196,55 @@ class Mission:
             poses[hold.object] = composed(belief.q[:POSE], in_b0)
         return poses
 
-    def _not_done(self, task: Task) -> Abort | None:
-        """True if what a task asks is missing at its end."""
-        at, stage = _name(task), task.stage(self.problem.modes)
+    def _check(self, task: Task) -> None:
+        """Check that what a task asks is so at its end, with a margin."""
+        at, stage = f"{_name(task)} is not done", task.stage(self.problem.modes)
         if stage.through is not None:
-            return self._passed(stage.through, at)
-        if stage.goal is not None:
-            return self._reached(stage.goal, at)
-        if stage.grasps is not None:
-            return self._grasped(stage.grasps)
-        if stage.carries is not None:
-            return self._carried(stage.carries, at)
-        if stage.releases is not None:
-            return self._released(stage.releases)
-        return self._as_planned(at)
+            if not stage.through.met(np.array(self._path)[1:, :POSE]).any():
+                raise AstrayError(f"{at}: the box was not entered")
+        elif stage.grasps is not None:
+            self._check_grasp(stage.grasps)
+        elif stage.carries is not None:
+            self._check_carried(stage.carries, at)
+        elif stage.releases is not None:
+            self._check_released(stage.releases)
+        elif not self.belief.accuracy.surely(error := self._error(stage.goal)):
+            raise AstrayError(f"{at}: {self.belief.accuracy.describe(error)}")
 
-    def _passed(self, task: Pass, at: str) -> Abort | None:
-        """True if b0 was not in the box since the task before."""
-        met = task.met(np.array(self._path)[1:, :POSE]).any()
-        return None if met else Abort("task", f"{at} is not done: the box was not entered")
-
-    def _reached(self, goal: GoalSet, at: str) -> Abort | None:
-        """True if the robot is not in the goal set."""
-        belief = self.belief
-        asked = goal.loosened(-belief.accuracy.scale(self.problem.robot.coordinates))
-        return self._off_by(asked.error(belief.q.copy()), at)
-
-    def _as_planned(self, at: str) -> Abort | None:
-        """True if the robot is not where the plan leaves it."""
-        error: Array = self.belief.q - self.plan.trajectory.configuration([self._ends[0]])[0]
+    def _error(self, goal: GoalSet | None) -> Array:
+        """Distance to a goal set, or where there is none to where the plan leaves the robot."""
+        q = self.belief.q.copy()
+        if goal is not None:
+            scale = self.belief.accuracy.scale(self.problem.robot.coordinates)
+            return goal.loosened(-scale).error(q)
+        error: Array = q - self.plan.trajectory.configuration([self._ends[0]])[0]
         error[2] = wrapped(error[2])
-        return self._off_by(error, at)
+        return error
 
-    def _off_by(self, error: Array, name: str) -> Abort | None:
-        accuracy = self.belief.accuracy
-        text = f"{name} is not done: {accuracy.describe(error)}"
-        return None if accuracy.surely(error) else Abort("task", text)
-
-    def _carried(self, task: Carry, at: str) -> Abort | None:
-        """True if the object must be carried on: nearer than need be at first, for it may slide."""
+    def _check_carried(self, task: Carry, at: str) -> None:
+        """Check that an object need not be carried on: nearer than that first, for it may slide."""
         task = self._aimed(task)
-        if self._off(task) <= (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
-            return None
-        self._looks += 1
-        return Abort("task", f"{at} is not done: {self._where(task)}")
+        if self._off(task) > (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
+            self._looks += 1
+            raise AstrayError(f"{at}: {self._where(task)}")
 
-    def _released(self, task: Release) -> Abort | None:
-        """True if the object was moved from where it was carried."""
+    def _check_released(self, task: Release) -> None:
+        """Check that the object was not moved from where it was carried."""
         goal = self._goals.get(task.object)
         if goal is None or self._off(goal, _SURELY) <= 1.0:
-            return None
+            return
         if self._put_at is not None:  # how it was dragged along: it will be so again
             (pose, q), now = self._put_at, self.poses()[self._numbers[task.object]]
             self._drags[task.object] = (now - pose)[:2] @ rotation(-q[2])
-        text = f"{task.object} was moved while it was released: {self._where(goal)}"
-        return Abort("lost", text)
+        moved = f"{task.object} was moved while it was released"
+        raise ObjectLostError(f"{moved}: {self._where(goal)}")
 
-    def _grasped(self, task: Grasp) -> Abort | None:
-        """True if the object is neither where it should be held, nor proved to be caged."""
+    def _check_grasp(self, task: Grasp) -> None:
+        """Check that the object is where it should be held, or proved to be caged."""
         seen, grip = self.belief.objects, self._grips[0]
         self._room_m = 0.0
         if seen is None or not seen.seen:
-            return None
+            return
         in_b0 = seen.in_b0[grip.object]
         away_m = math.hypot(*(in_b0 - grip.pose_in_b0)[:2])
         cage = cage_of(self.problem, self.belief.q, grip.object, in_b0)
@@ -256,9 +252,8 @@ class Mission:
             self._room_m = cage.room_m
         elif away_m > HOLD_M:
             where = f"it is {1e3 * away_m:z.0f} mm from where it should be held"
-            return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
+            raise ObjectLostError(f"{task.object} is not grasped: {where}, and not caged")
         self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
-        return None
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""

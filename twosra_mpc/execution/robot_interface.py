@@ -14,7 +14,7 @@ import numpy as np
 
 from twosra_mpc.arguments import public
 from twosra_mpc.control.stiffness import KnownStiffness
-from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.interrupts import Interrupts, deferred_interrupts, raised_interrupts
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.description import Robot
@@ -24,10 +24,6 @@ from twosra_mpc.validation import ArrayValue, NonNegative, Positive
 OfKind = tuple[NonNegative, NonNegative, NonNegative]
 
 EXACT: OfKind = (0.0, 0.0, 0.0)
-
-
-class RobotError(TwosraError):
-    """The robot cannot be driven any more: its line is dead, it is silent, or it is in danger."""
 
 
 @public

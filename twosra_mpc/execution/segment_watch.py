@@ -15,9 +15,9 @@ from typing import Literal
 
 from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
+from twosra_mpc.errors import RobotError
 from twosra_mpc.execution.healthy_segments import Heat
 from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
-from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model

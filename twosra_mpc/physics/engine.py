@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.installation import require
 from twosra_mpc.physics import mjcf
 from twosra_mpc.problem.problem import Problem
@@ -33,10 +33,6 @@ _AT_REST = 1e-4  # m/s and rad/s of b0, rad/s of hinges
 _CHANGE = 0.01  # of a solid share: what rests is looked at again
 _BAD = ("BADQPOS", "BADQVEL", "BADQACC")  # MuJoCo's words for what is not finite, or huge
 _POSE_JOINTS = ("x", "y", "phi")
-
-
-class DivergedError(TwosraError):
-    """The engine's state is not a motion any more."""
 
 
 class Engine:
@@ -65,7 +61,7 @@ class Engine:
 
         Raises:
             InputError: If MuJoCo is not installed, or the wheels cannot carry the robot.
-            DivergedError: If the start cannot be simulated.
+            RobotError: If the start cannot be simulated.
         """
         require("plant mujoco", "physics", "mujoco")
         import mujoco  # type: ignore[import-untyped]
@@ -105,6 +101,11 @@ class Engine:
         return np.concatenate([self.data.qpos[self._pose], bends / self._lengths_m])
 
     @property
+    def objects(self) -> Engine | None:
+        """Objects with their ``poses``: this; None without any."""
+        return self if self._objects.size else None
+
+    @property
     def poses(self) -> Array:
         """Poses of the objects, (objects, 3) [m, m, rad]."""
         moved = self.data.qpos[self._objects]
@@ -116,16 +117,15 @@ class Engine:
         changed = np.abs(1.0 - np.asarray(melted) - self._solid) >= _CHANGE
         return bool(np.abs(speeds).max() < _AT_REST) and not changed.any()
 
-    def pushed(self, by: Array) -> Array:
-        """Shift and turn the robot about b0 by (3,) [m, m, rad], in no time; returns q."""
+    def push(self, by: Array) -> None:
+        """Shift and turn the robot about b0 by (3,) [m, m, rad], in no time."""
         self.data.qpos[self._pose] += by
-        return self.q
 
-    def roll(self, turned: Array, melted: Sequence[float], duration_s: float) -> Array:
-        """Turn the wheels by ``turned`` (4,) [rad] evenly in a time; returns q.
+    def roll(self, turned: Array, melted: Sequence[float], duration_s: float) -> None:
+        """Turn the wheels by ``turned`` (4,) [rad] evenly in a time.
 
         Raises:
-            DivergedError: If the state is not finite any more, or the engine says so.
+            RobotError: If the state is not finite any more, or the engine says so.
         """
         self._freeze(1.0 - np.asarray(melted))
         steps = max(1, round(duration_s / mjcf.STEP_S))
@@ -139,7 +139,7 @@ class Engine:
         if told or not np.isfinite(self.data.qpos).all():
             words = f"{', '.join(told) or 'not finite'} after {self.data.time:z.2f} s of motion"
             step_ms = 1e3 * self.model.opt.timestep
-            raise DivergedError(
+            raise RobotError(
                 f"the simulation diverged ({words}): its [physics] are too stiff, or its masses too"
                 f" small, for steps of {step_ms:z.2g} ms"
             )
@@ -147,7 +147,6 @@ class Engine:
         if self._viewer is not None and self._viewer.is_running():
             self._viewer.sync()
             time.sleep(max(0.0, duration_s - (time.monotonic() - began_s)))
-        return self.q
 
     def view(self) -> None:
         """Open MuJoCo's viewer; from then on motion is shown as it is simulated.

@@ -20,10 +20,10 @@ from twosra_mpc.control.stiffness_controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.guard import bends_into_itself
-from twosra_mpc.execution.robot_interface import Reading, RobotError
+from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.model.rolling import Drift, rolling
-from twosra_mpc.physics.engine import DivergedError, Engine
+from twosra_mpc.physics.engine import Engine
 from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
@@ -32,7 +32,6 @@ from twosra_mpc.robot.description import Robot, segment_model, with_path_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.robot.paths import PATH_MODELS
-from twosra_mpc.robot.physics import Physics
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
 from twosra_mpc.validation import ArrayValue, Count
@@ -41,11 +40,12 @@ if TYPE_CHECKING:
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
 
 
-Segments = Sequence[HeatedSegment]
-
-
 class PathMotion:
-    """Motion by a path model, with slipping wheels and units that do not hold."""
+    """Motion by a path model, with slipping wheels and units that do not hold.
+
+    Attributes:
+        q: Configuration, (3 + n,).
+    """
 
     touched: str | None = None  # it goes through obstacles, and is judged by where it was
 
@@ -60,13 +60,14 @@ class PathMotion:
         """Draw how this robot differs from its model.
 
         Args:
-            problem: The objects.
+            problem: The start and the objects.
             robot: With the path model and the lengths that are true.
             what: How much it differs.
             drawn: For what differs from robot to robot.
             noise: For what differs from frame to frame.
         """
         self._robot, self._what, self._noise = robot, what, noise
+        self.q = problem.start.configuration.copy()
         self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, WHEELS), 0.0, 0.9)
         modes = all_modes(robot.coordinates.segments)[1:]
         by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
@@ -78,82 +79,24 @@ class PathMotion:
 
             self.objects = ObjectPlant(problem, robot.geometry)
 
-    def pushed(self, q: Array, by: Array) -> Array:
-        """Shifted and turned about b0 by a hand; wheels slip."""
-        return np.concatenate([q[:POSE] + by, q[POSE:]])
+    def push(self, by: Array) -> None:
+        """Shift and turn the robot about b0 by (3,) [m, m, rad]; wheels slip."""
+        self.q = np.concatenate([self.q[:POSE] + by, self.q[POSE:]])
 
-    def at_rest(self, segments: Segments) -> bool:
+    def at_rest(self, melted: Sequence[float]) -> bool:
         """Always: nothing but wheels moves it."""
         return True
 
-    def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:
+    def roll(self, turned: Array, melted: Sequence[float], duration_s: float) -> None:
         """Roll for a period; metal that is changing does not bend yet."""
-        mode = tuple(int(segment.soft) for segment in segments)
+        q, mode = self.q, tuple(int(share == 1.0) for share in melted)
         grip = self._grip * (1 + self._what.slip_noise * self._noise.standard_normal(WHEELS))
         drift, share = self._drift.get(mode, Drift()), self._bends.get(mode, 1.0)
         after: Array = rolling(self._robot, mode)(q, turned * grip * share, drift).full().ravel()
-        if bends_into_itself(self._robot, q, after[None]):  # the wheels slip
-            after = q
+        if not bends_into_itself(self._robot, q, after[None]):  # else the wheels slip
+            self.q = after
         if self.objects is not None:
-            self.objects.follow(q, after)
-        return after
-
-
-class PhysicsMotion:
-    """Motion in a rigid-body engine."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        robot: Robot,
-        physics: Physics,
-        segments: Segments,
-        *,
-        viewer: bool = False,
-    ) -> None:
-        """Put a robot with these lengths and physics where the problem starts.
-
-        Raises:
-            InputError: If the engine is not installed, its viewer has no display, or the wheels
-                cannot carry the robot.
-            RobotError: If its start cannot be simulated.
-        """
-        try:
-            self._engine = Engine(problem, robot, physics, _melted(segments))
-        except DivergedError as error:
-            raise RobotError(str(error)) from error
-        self.objects = self._engine if problem.objects else None
-        if viewer:
-            self._engine.view()
-
-    @property
-    def touched(self) -> str:
-        """Obstacle that the robot touched first, by the engine's contacts."""
-        return self._engine.touched
-
-    def pushed(self, q: Array, by: Array) -> Array:
-        """Shifted and turned about b0 by a hand, in no time."""
-        del q
-        return self._engine.pushed(by)
-
-    def at_rest(self, segments: Segments) -> bool:
-        """True if the engine's state rests, and metal has not changed since."""
-        return self._engine.at_rest(_melted(segments))
-
-    def roll(self, q: Array, turned: Array, segments: Segments, duration_s: float) -> Array:
-        """Let the engine run.
-
-        Raises:
-            RobotError: If its state diverges.
-        """
-        try:
-            return self._engine.roll(turned, _melted(segments), duration_s)
-        except DivergedError as error:
-            raise RobotError(str(error)) from error
-
-
-def _melted(segments: Segments) -> list[float]:
-    return [segment.melt_fraction for segment in segments]
+            self.objects.follow(q, self.q)
 
 
 def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
@@ -161,7 +104,6 @@ def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
     return Drift(turn, shift, drawn.uniform(-what.split, what.split))
 
 
-Motion = PathMotion | PhysicsMotion
 AS_PLANNED, PHYSICS = "as-planned", "mujoco"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
 ALL_PLANTS = (*PLANTS, PHYSICS)
@@ -220,7 +162,6 @@ class SimulatedRobot:
         robot: The robot as described, not as it is.
         camera: What is known about the camera.
         segments: Its segments, as they are.
-        q: True configuration, (3 + n,).
     """
 
     def __init__(
@@ -247,6 +188,7 @@ class SimulatedRobot:
             InputError: If there is no such plant, or the robot's segments are not described; of
                 "mujoco", if it is not installed, there is no display for its viewer, or the wheels
                 cannot carry the robot.
+            RobotError: If the start cannot be simulated.
         """
         what = disturbance or Disturbance()
         drawn = np.random.default_rng([seed, 0])
@@ -255,22 +197,22 @@ class SimulatedRobot:
         physics = plant == PHYSICS
         true = plant_robot(problem.robot, AS_PLANNED if physics else plant)
         self._true = with_lengths(true, what.lengths, drawn)
-        by_path = PathMotion(problem, self._true, what, drawn, self._noise)
+        self._motion: PathMotion | Engine = PathMotion(
+            problem, self._true, what, drawn, self._noise
+        )
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
-        self._motion: Motion = by_path  # drawn in any case: one seed, the same heat and sensors
-        if physics:
+        if physics:  # all else is drawn in any case: one seed, the same heat and sensors
             width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])
             physical = self._true.true_physics.drawn(width, rng)
-            self._motion = PhysicsMotion(
-                problem, self._true, physical, self.segments, viewer=viewer
-            )
+            self._motion = Engine(problem, self._true, physical, self._melted)
+            if viewer:
+                self._motion.view()
         elif viewer:
             raise InputError("viewer", True, f"False: only plant {PHYSICS} has one")
         self._touched = self._motion.touched
-        self.q = problem.start.configuration.copy()
         self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
@@ -324,7 +266,7 @@ class SimulatedRobot:
         before = [segment.stiffness for segment in self.segments]
         while left > 0 and before == [segment.stiffness for segment in self.segments]:
             turning = bool(self._told_rad_s.any() or self._turning_rad_s.any())
-            moving = turning or not self._motion.at_rest(self.segments)
+            moving = turning or not self._motion.at_rest(self._melted)
             ticks = 1 if moving else min(left, still)
             if moving:
                 self._roll(turning)
@@ -342,7 +284,7 @@ class SimulatedRobot:
             InputError: If these are not three finite numbers.
         """
         check_size("by", by, POSE)
-        self.q = self._motion.pushed(self.q, by)
+        self._motion.push(by)
 
     def think(self, problem: Problem) -> Result | None:
         """Plan while time passes for the robot; None as long as the disturbance says it takes."""
@@ -363,6 +305,15 @@ class SimulatedRobot:
         return Truth(*columns, squeezed=squeezed, touched=self._touched)
 
     @property
+    def q(self) -> Array:
+        """True configuration, (3 + n,)."""
+        return self._motion.q
+
+    @property
+    def _melted(self) -> list[float]:
+        return [segment.melt_fraction for segment in self.segments]
+
+    @property
     def objects(self) -> ObjectPlant | Engine | None:
         """Objects with their ``poses``, (objects, 3) [m, m, rad]; None without any."""
         return self._motion.objects
@@ -380,9 +331,8 @@ class SimulatedRobot:
     def _roll(self, turning: bool) -> None:
         """Move for one period."""
         turned = self._turned(self.camera.period_s)
-        self.q = self._motion.roll(self.q, turned, self.segments, self.camera.period_s)
-        changing = any(0 < segment.melt_fraction < 1 for segment in self.segments)
-        self._forced += turning and changing
+        self._motion.roll(turned, self._melted, self.camera.period_s)
+        self._forced += turning and any(0 < share < 1 for share in self._melted)
         if not self._touched and (name := self._motion.touched) is not None:
             self._touched = name and f"touched {name} at {self.time_s:z.0f} s"
 

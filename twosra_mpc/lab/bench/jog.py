@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import Reading, RobotError
+from twosra_mpc.errors import InputError, RobotError
+from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.lab.serial.port import Clock, Port
 from twosra_mpc.lab.serial.robot import RATE_HZ, connected

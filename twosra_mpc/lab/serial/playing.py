@@ -9,8 +9,8 @@ import numpy as np
 
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Activity, Next, Trouble, rest
-from twosra_mpc.execution.course import Abort, Course, PlanPolicy, Waiting
-from twosra_mpc.execution.robot_interface import Command, RobotError
+from twosra_mpc.execution.course import Course, PlanPolicy, Waiting
+from twosra_mpc.execution.robot_interface import Command
 from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
@@ -88,14 +88,6 @@ class Playing(PlanPolicy):
 
     def learnt(self, index: int, what: str) -> None:
         """There is no other plan."""
-
-    def left(self, abort: Abort) -> Next:
-        """There is no other plan.
-
-        Raises:
-            RobotError: Always.
-        """
-        raise RobotError(abort.text)
 
     def troubled(self, trouble: Trouble) -> Activity:
         """There is no other plan.

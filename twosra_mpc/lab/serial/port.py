@@ -24,8 +24,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from twosra_mpc.control.thermistor import NtcDivider
-from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import RobotError
+from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.installation import require
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.modes import Mode, rigid_mode

@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from twosra_mpc.arguments import check_size, public
-from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
+from twosra_mpc.errors import InputError, RobotError
+from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.lab.serial.port import (

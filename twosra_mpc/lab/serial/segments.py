@@ -13,7 +13,7 @@ import statistics
 
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.control.stiffness_controller import stiffness_controller
-from twosra_mpc.execution.robot_interface import RobotError
+from twosra_mpc.errors import RobotError
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 

@@ -18,11 +18,10 @@ from typing import NamedTuple
 
 from twosra_mpc.arguments import Word, public
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.errors import InputError, NoPlanError, TwosraError
+from twosra_mpc.errors import InputError, NoPlanError, RobotError, TwosraError
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.executor import plan_controller, run_controller
-from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending, Executed, Run, RunRecord, Verdict
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.files import write_json
