@@ -12,8 +12,7 @@ import numpy as np
 
 from benchmarks.studies.tracker_step.nonlinear import Array, Asked, converged
 from twosra_mpc import Plan
-from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.prediction import stage_model
+from twosra_mpc.execution.tracking.linearisation import stage_model, tracking_program
 from twosra_mpc.execution.tracking.setup import Setup, SolverSettings
 from twosra_mpc.execution.tracking.solver import ProgramInPlace, Quality
 from twosra_mpc.execution.tracking.tracker import PhaseReference

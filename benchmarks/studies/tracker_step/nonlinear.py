@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from twosra_mpc.execution.tracking import linearisation
-from twosra_mpc.execution.tracking.linearisation import RATE_LIMITED_PERIODS, tracking_program
-from twosra_mpc.execution.tracking.prediction import believed_start, motion, stage_model
+from twosra_mpc.execution.tracking.linearisation import (
+    RATE_LIMITED_PERIODS,
+    believed_start,
+    motion,
+    stage_model,
+    tracking_program,
+)
 from twosra_mpc.execution.tracking.setup import Setup
 
 Array = NDArray[np.float64]
