@@ -95,8 +95,8 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
     "work_limit": click.option("--work-limit", type=float, help=_WORK),
     "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
-    "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
     "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),
+    "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
 }
 
 
@@ -125,12 +125,13 @@ def command(name: str) -> Callable[[Function], click.Command]:
     return decorate
 
 
-def scenario_options(*names: str) -> Decorator:
+def scenario_options(*without: str) -> Decorator:
     """Add options that override keys of a scenario; the command is given ``load``, to load one so.
 
     Args:
-        names: Keys of a scenario file; or ``path_model``, the robot's, and ``exact``, the goal's.
+        without: Keys of a scenario file, ``path_model`` or ``exact``, that it does not override.
     """
+    names = [name for name in _SCENARIO_OPTIONS if name not in without]
 
     def decorate(function: Function) -> Function:
         @functools.wraps(function)

@@ -35,17 +35,7 @@ if TYPE_CHECKING:
 @options.rate_option("Rows per second of --csv; default: the plan's grid.")
 @options.plot_option("Draw the plan")
 @click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
-@options.scenario_options(
-    "planner",
-    "robot",
-    "path_model",
-    "timing",
-    "gap",
-    "work_limit",
-    "time_limit_s",
-    "max_phases",
-    "exact",
-)
+@options.scenario_options()
 def plan_command(
     scenario: str,
     out: Path | None,
@@ -162,9 +152,7 @@ def exit_code(*results: Result) -> int:
 
 @options.command("explain")
 @click.argument("scenario", **options.SCENARIO)
-@options.scenario_options(
-    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact"
-)
+@options.scenario_options("planner", "max_phases")
 def explain_command(scenario: str, load: options.Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 

@@ -60,9 +60,7 @@ class MotionLog(ArrayValue):
     mode: NDArray[np.int_]
     commands: Array
 
-    def __post_init__(self) -> None:
-        for values in (self.time_s, self.q, self.mode, self.commands):
-            values.setflags(write=False)
+    __post_init__ = ArrayValue.read_only
 
     @property
     def by_wheels(self) -> bool:
