@@ -224,15 +224,18 @@ class ArrayValue:
         held = _held(self).values()
         return hash((type(self), *(a for a in held if isinstance(a, int | float | str))))
 
-    def read_only(self) -> None:
-        """Make the arrays read-only: what a record of measurements does once it is made."""
-        for held in _held(self).values():
-            if isinstance(held, np.ndarray):
-                held.setflags(write=False)
-
     def __repr__(self) -> str:
         shown = (f"{name}={_brief(a)}" for name, a in _held(self).items())
         return f"{type(self).__name__}({', '.join(shown)})"
+
+
+class ReadOnlyArrays(ArrayValue):
+    """The same, and nobody can write into the arrays."""
+
+    def __post_init__(self) -> None:
+        for held in _held(self).values():
+            if isinstance(held, np.ndarray):
+                held.setflags(write=False)
 
 
 def _held(value: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc import files
+from twosra_mpc import files, plotting
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import install_command
@@ -225,9 +225,19 @@ def file_option(name: str, words: str, *checks: Check) -> Decorator:
     return click.option(name, *short, type=NewFile(*checks), help=words)
 
 
+def figure(target: Path) -> None:
+    """Check that a figure can be written here; what draws is loaded only then."""
+    plotting.check_figure_path(target)
+
+
+def film(target: Path) -> None:
+    """Check that a film can be written here; what draws is loaded only then."""
+    plotting.check_animation_path(target)
+
+
 def plot_option(words: str) -> Decorator:
     """Add ``--plot`` for a figure."""
-    return file_option("--plot", f"{words} (png, pdf, svg).", _figure)
+    return file_option("--plot", f"{words} (png, pdf, svg).", figure)
 
 
 def rate_option(words: str, *, required: bool = False) -> Decorator:
@@ -266,16 +276,3 @@ def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
         )
         raise InputError("robot.path.model", made.robot.path.model, allowed, str(source))
     return made
-
-
-def animation(target: Path) -> None:
-    """Check that an animation of this ending can be written here."""
-    from twosra_mpc.plotting.film import check_animation_path  # matplotlib takes a second
-
-    check_animation_path(target)
-
-
-def _figure(target: Path) -> None:
-    from twosra_mpc.plotting.figures import check_figure_path  # matplotlib takes a second
-
-    check_figure_path(target)

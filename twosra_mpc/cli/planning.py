@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
@@ -79,9 +80,7 @@ def plan_command(
         if csv is not None and result.plan is not None:
             save_setpoints(result.plan, csv, rate_Hz)
         if plot is not None and result.plan is not None:
-            from twosra_mpc.plotting import plot_plan
-
-            plot_plan(result.plan, plot)
+            plotting.plot_plan(result.plan, plot)
     if result.plan is None and (csv or plot):
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Output, digits, print_table
 
@@ -66,9 +67,7 @@ def map_command(
             cells.append(cell)
             tell(f"mapping: {len(cells)} of {size**2} points")
     if plot is not None:
-        from twosra_mpc.plotting import plot_map
-
-        plot_map(cells, (names[0], names[1]), plot)
+        plotting.plot_map(cells, (names[0], names[1]), plot)
     rows = []
     for sequence, count in Counter(cell.sequence for cell in cells).most_common():
         taken = [cell.duration_s or math.nan for cell in cells if cell.sequence == sequence]

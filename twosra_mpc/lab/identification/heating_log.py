@@ -25,7 +25,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import finer_unit, read_csv
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ReadOnlyArrays
 
 Flags = NDArray[np.bool_]
 Mode = Literal["heating", "hold", "cooling"]
@@ -52,7 +52,7 @@ _FASTEST_K_PER_S = 1.0
 
 @public
 @dataclass(frozen=True, eq=False, repr=False)
-class HeatingLog(ArrayValue):
+class HeatingLog(ReadOnlyArrays):
     """A checked log; arrays (n,), read-only.
 
     Attributes:
@@ -73,7 +73,7 @@ class HeatingLog(ArrayValue):
     ambient_C: float
 
     def __post_init__(self) -> None:
-        self.read_only()
+        super().__post_init__()
         self._check_samples()
         self._check_course()
 
@@ -153,7 +153,7 @@ class HeatingLog(ArrayValue):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EvenLog(ArrayValue):
+class EvenLog(ReadOnlyArrays):
     """A log on an even grid of n points, spikes removed; arrays read-only.
 
     Attributes:
@@ -177,8 +177,6 @@ class EvenLog(ArrayValue):
     heating_share: Array
     cycle: NDArray[np.int_]
     ambient_C: float
-
-    __post_init__ = ArrayValue.read_only
 
     def scoring(self, chosen: Flags) -> EvenLog:
         """Return the same log scored only where ``chosen`` (n,)."""

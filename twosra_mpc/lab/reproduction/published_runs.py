@@ -48,7 +48,7 @@ from twosra_mpc.lab.reproduction.published_model import (
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence, merged
-from twosra_mpc.validation import ArrayValue, Count, Positive
+from twosra_mpc.validation import Count, Positive, ReadOnlyArrays
 
 IntArray: TypeAlias = NDArray[np.int64]
 
@@ -73,7 +73,7 @@ class StopReason(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PublishedTrajectory(ArrayValue):
+class PublishedTrajectory(ReadOnlyArrays):
     """The recorded rows of one run; row 0 is the start with mode (0, 0). Arrays are read-only.
 
     As published, only steps longer than 1e-5 (unweighted norm of m, rad and 1/m) are recorded.
@@ -99,8 +99,6 @@ class PublishedTrajectory(ArrayValue):
     stop: StopReason
     iterations: int
     every_mode: ModeSequence
-
-    __post_init__ = ArrayValue.read_only
 
     @property
     def sequence(self) -> ModeSequence:
