@@ -35,8 +35,8 @@ from twosra_mpc.lab.paper import (
     statistics,
     unit_paths,
 )
-from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE, SHOWN
-from twosra_mpc.lab.paper.section import every
+from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE
+from twosra_mpc.lab.paper.section import PAPER, every
 from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 
 CURVATURES = [0.0, -20.0, -45.0, -30.0, -2.0]
@@ -285,7 +285,7 @@ def test_the_page_has_every_claim_and_figure_and_no_link_out(written: Path) -> N
     drawn = [value for tag, name, value in page.attributes if (tag, name) == ("img", "src")]
     assert len(drawn) == len(list(written.glob("*.png"))) > 8
     assert all(value.startswith("data:image/png;base64,") for value in drawn)
-    assert {place for *_, place in SHOWN} & ids
+    assert {place for *_, place in PAPER["shown"]} & ids
 
 
 def test_without_data_it_says_what_to_give(written: Path, run: Run, tmp_path: Path) -> None:

@@ -107,20 +107,17 @@ class InputError(TwosraError, ValueError):
         hint = f"{printable(self.hint)} " if self.hint else ""
         return f"{name} = {shown} is not acceptable; {hint}allowed: {allowed}"
 
-    def _given(self, **changes: Any) -> tuple[Any, ...]:
-        names = ("field", "value", "allowed", "source", "others", "hint")
-        return tuple(changes.get(name, getattr(self, name)) for name in names)
-
     def within(self, parent: str, source: str | None = None, hint: str = "") -> InputError:
         """Return the same error seen from the record that holds this one under ``parent``."""
         field = ".".join(part for part in (parent, self.field) if part)
         others = tuple(other.within(parent, source) for other in self.others)
-        changes = {"field": field, "source": self.source or source, "others": others}
-        return InputError(*self._given(**changes, hint=hint or self.hint))
+        known, hint = self.source or source, hint or self.hint
+        return InputError(field, self.value, self.allowed, known, others, hint)
 
     def among(self, others: Sequence[InputError]) -> InputError:
         """Return this error with further ones found at the same time."""
-        return InputError(*self._given(others=(*self.others, *others)))
+        every = (*self.others, *others)
+        return InputError(self.field, self.value, self.allowed, self.source, every, self.hint)
 
 
 class NoPlanError(TwosraError):

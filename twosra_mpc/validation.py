@@ -229,6 +229,15 @@ class ArrayValue:
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
+class ReadOnlyArrays(ArrayValue):
+    """The same, and nobody can write into the arrays."""
+
+    def __post_init__(self) -> None:
+        for held in _held(self).values():
+            if isinstance(held, np.ndarray):
+                held.setflags(write=False)
+
+
 def _held(value: Any) -> dict[str, Any]:
     """Fields of a dataclass and their values."""
     return {item.name: getattr(value, item.name) for item in fields(value)}

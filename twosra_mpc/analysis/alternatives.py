@@ -20,7 +20,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Task, orders
-from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, merged, mode_name
 
 FARTHER_M = 0.005  # how much more clearance is asked for
 MOST_ORDERS = 5  # other orders of tasks that are planned
@@ -225,11 +225,7 @@ def _differ(one: Plan, other: Plan) -> bool:
 
 def moving_modes(made: Plan) -> ModeSequence:
     """Modes of the phases in which something moves, none twice in a row."""
-    return _merged(made.sequence)
-
-
-def _merged(modes: Sequence[Mode]) -> ModeSequence:
-    return tuple(mode for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1])
+    return merged(made.sequence)
 
 
 def _sequences(made: Plan) -> set[ModeSequence]:
@@ -238,7 +234,7 @@ def _sequences(made: Plan) -> set[ModeSequence]:
     passed = [mode for mode in _passed_modes(made) if mode in problem.modes]
     return {
         complete_sequence(moving_modes(made), problem),
-        complete_sequence(_merged(passed), problem),
+        complete_sequence(merged(passed), problem),
     }
 
 
@@ -249,7 +245,7 @@ def complete_sequence(modes: ModeSequence, problem: Problem) -> ModeSequence:
         return modes
     opening = (rigid,) if problem.start_stiffness == rigid else ()
     closing = (rigid,) if problem.goal.mode == rigid else ()
-    return _merged((*opening, *modes, *closing))
+    return merged((*opening, *modes, *closing))
 
 
 def _passed_modes(made: Plan) -> list[Mode]:

@@ -14,6 +14,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import Exit, Output, print_table
@@ -22,9 +25,7 @@ from twosra_mpc.installation import DISTRIBUTION, __version__, install_command
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.problem.problem import load_problem
 
-_NAME, _FLOOR, _EXTRA = r"([\w.-]+)", r"[^;]*>=\s*([\d.]+)", r".*extra\s*==\s*['\"]([^'\"]+)"
-_REQUIREMENT = re.compile(f"{_NAME}(?:{_FLOOR})?(?:{_EXTRA})?")
-
+_EXTRA = re.compile(r"extra == ['\"](.+?)['\"]")  # in the marker of a requirement
 _packages_of_modules = functools.cache(metadata.packages_distributions)  # takes half a second
 
 
@@ -34,14 +35,6 @@ class Finding(NamedTuple):
     what: str
     verdict: Literal["PASS", "FAIL", "none"]
     details: str
-
-
-class Requirement(NamedTuple):
-    """A dependency: name, lowest version, and the extra it belongs to (empty: always needed)."""
-
-    name: str
-    floor: str
-    extra: str
 
 
 @command("doctor")
@@ -77,15 +70,17 @@ def examine() -> Iterator[Finding]:
     """Look at everything, one after the other."""
     yield Finding("system", "PASS", f"{platform.platform()}, {DISTRIBUTION} {__version__}")
     yield _tried("Python", python_version)
+    needed = dict[str, list[Requirement]]()  # extra, empty for what is always needed -> packages
     try:
-        needed = requirements()
+        for item in map(Requirement, metadata.requires(DISTRIBUTION) or []):
+            extra = _EXTRA.search(str(item.marker))
+            needed.setdefault(extra[1] if extra else "", []).append(item)
     except metadata.PackageNotFoundError:
         yield Finding("packages", "FAIL", f"not known: install {DISTRIBUTION} with pip")
-        needed = []
-    for item in needed:
-        if not item.extra:
-            yield _tried(item.name, lambda item=item: package(item))  # type: ignore[misc]
-    yield from _extras(needed)
+    for item in needed.pop("", []):
+        yield _tried(item.name, lambda item=item: package(item))  # type: ignore[misc]
+    for extra_name, items in needed.items():
+        yield _complete(extra_name, [item.name for item in items])
     ffmpeg = shutil.which("ffmpeg")
     missing = Finding("ffmpeg", "none", "films as mp4 need it; gif works without")
     yield Finding("ffmpeg", "PASS", ffmpeg) if ffmpeg else missing
@@ -101,43 +96,35 @@ def _tried(what: str, probe: Callable[[], str]) -> Finding:
         return Finding(what, "FAIL", f"{type(error).__name__}: {first}")
 
 
-def requirements() -> list[Requirement]:
-    """Requirements that the installed package states."""
-    found = map(_REQUIREMENT.match, metadata.requires(DISTRIBUTION) or [])
-    return [Requirement(*each.groups("")) for each in found if each]
-
-
 def python_version() -> str:
     """Version of Python, if it is new enough."""
-    floor = metadata.metadata(DISTRIBUTION)["Requires-Python"].removeprefix(">=")
-    _at_least(platform.python_version(), floor)
+    needed = SpecifierSet(metadata.metadata(DISTRIBUTION)["Requires-Python"])
+    _check_version(platform.python_version(), needed)
     return f"{platform.python_version()}, {sys.executable}"
 
 
 def package(item: Requirement) -> str:
     """Version of a dependency, if it is new enough and can be imported."""
     version = metadata.version(item.name)
-    _at_least(version, item.floor)
+    _check_version(version, item.specifier)
     for module, sources in _packages_of_modules().items():
         if item.name in map(str.lower, sources) and not module.startswith("_"):
             importlib.import_module(module)
     return version
 
 
-def _at_least(version: str, floor: str) -> None:
-    have, need = (tuple(map(int, re.findall(r"\d+", text)[:3])) for text in (version, floor))
-    if have < need:
+def _check_version(version: str, needed: SpecifierSet) -> None:
+    if not needed.contains(version, prereleases=True):
+        floor = str(needed).removeprefix(">=")
         raise RuntimeError(f"{version} is too old: at least {floor} is needed")
 
 
-def _extras(needed: list[Requirement]) -> Iterator[Finding]:
-    """Each extra: complete, or how to install it."""
-    for extra in dict.fromkeys(item.extra for item in needed if item.extra):
-        names = [item.name for item in needed if item.extra == extra]
-        missing = [name for name in names if not list(metadata.distributions(name=name))]
+def _complete(extra: str, names: list[str]) -> Finding:
+    """An extra: complete, or how to install it."""
+    if missing := [name for name in names if not list(metadata.distributions(name=name))]:
         how = f"{install_command(extra)} (missing: {', '.join(missing)})"
-        complete = Finding(f"extra: {extra}", "PASS", ", ".join(names))
-        yield Finding(f"extra: {extra}", "none", how) if missing else complete
+        return Finding(f"extra: {extra}", "none", how)
+    return Finding(f"extra: {extra}", "PASS", ", ".join(names))
 
 
 def self_test() -> str:

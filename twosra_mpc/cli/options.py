@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc import files
+from twosra_mpc import files, plotting
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import install_command
@@ -95,8 +95,8 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
     "work_limit": click.option("--work-limit", type=float, help=_WORK),
     "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
-    "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
     "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),
+    "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
 }
 
 
@@ -125,12 +125,13 @@ def command(name: str) -> Callable[[Function], click.Command]:
     return decorate
 
 
-def scenario_options(*names: str) -> Decorator:
+def scenario_options(*without: str) -> Decorator:
     """Add options that override keys of a scenario; the command is given ``load``, to load one so.
 
     Args:
-        names: Keys of a scenario file; or ``path_model``, the robot's, and ``exact``, the goal's.
+        without: Keys of a scenario file, ``path_model`` or ``exact``, that it does not override.
     """
+    names = [name for name in _SCENARIO_OPTIONS if name not in without]
 
     def decorate(function: Function) -> Function:
         @functools.wraps(function)
@@ -224,9 +225,19 @@ def file_option(name: str, words: str, *checks: Check) -> Decorator:
     return click.option(name, *short, type=NewFile(*checks), help=words)
 
 
+def figure(target: Path) -> None:
+    """Check that a figure can be written here; what draws is loaded only then."""
+    plotting.check_figure_path(target)
+
+
+def film(target: Path) -> None:
+    """Check that a film can be written here; what draws is loaded only then."""
+    plotting.check_animation_path(target)
+
+
 def plot_option(words: str) -> Decorator:
     """Add ``--plot`` for a figure."""
-    return file_option("--plot", f"{words} (png, pdf, svg).", _figure)
+    return file_option("--plot", f"{words} (png, pdf, svg).", figure)
 
 
 def rate_option(words: str, *, required: bool = False) -> Decorator:
@@ -265,16 +276,3 @@ def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
         )
         raise InputError("robot.path.model", made.robot.path.model, allowed, str(source))
     return made
-
-
-def animation(target: Path) -> None:
-    """Check that an animation of this ending can be written here."""
-    from twosra_mpc.plotting.film import check_animation_path  # matplotlib takes a second
-
-    check_animation_path(target)
-
-
-def _figure(target: Path) -> None:
-    from twosra_mpc.plotting.figures import check_figure_path  # matplotlib takes a second
-
-    check_figure_path(target)

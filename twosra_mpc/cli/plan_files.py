@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from twosra_mpc import plotting, report
 from twosra_mpc.checking.plan_file import (
     Check,
     PlanCheck,
@@ -252,15 +253,9 @@ def export_command(
     output.record((robot, "exported"), document)
 
 
-def _page(target: Path) -> None:
-    from twosra_mpc.report import check_report_path  # matplotlib takes a second
-
-    check_report_path(target)
-
-
 @options.command("report")
 @click.argument("plan", type=options.FILE)
-@options.out_argument(_page)
+@options.out_argument(options.ending(".html", ".htm"))
 def report_command(plan: Path, out: Path, output: Output) -> None:
     """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 
@@ -274,12 +269,10 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
       twosra plan paper-1 --out plan.json
       twosra report plan.json report.html
     """
-    from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
-
     content = read_bytes(plan, str(plan))
     given = checked_text(text_of(content, str(plan)), str(plan)).believed(str(plan))
     with output.progress("drawing the report"):
-        write_report(given, out, Origin.of(plan.name, content))
+        report.write_report(given, out, report.Origin.of(plan.name, content))
     document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
     output.record((given.problem.robot.name, "report"), document)
 
@@ -289,7 +282,7 @@ _FILM_S = options.Finite(1.0, 120.0)
 
 @options.command("animate")
 @click.argument("plan", type=options.FILE)
-@options.out_argument(options.animation)
+@options.out_argument(options.film)
 @click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
 def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
     """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
@@ -304,10 +297,9 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
       twosra animate plan.json short.gif --seconds 4
     """
     made = load_plan(plan).require()
-    from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
-
     with output.progress("animating") as tell:
-        animate_plan(made, out, duration_s=seconds, on_progress=counting(tell, "animating: frame"))
+        shown = counting(tell, "animating: frame")
+        plotting.animate_plan(made, out, duration_s=seconds, on_progress=shown)
     document = {"file": str(out), "bytes": out.stat().st_size}
     output.record((made.robot.name, "animation"), document)
     return Exit.PLANNED

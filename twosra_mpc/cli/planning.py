@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
@@ -35,17 +36,7 @@ if TYPE_CHECKING:
 @options.rate_option("Rows per second of --csv; default: the plan's grid.")
 @options.plot_option("Draw the plan")
 @click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
-@options.scenario_options(
-    "planner",
-    "robot",
-    "path_model",
-    "timing",
-    "gap",
-    "work_limit",
-    "time_limit_s",
-    "max_phases",
-    "exact",
-)
+@options.scenario_options()
 def plan_command(
     scenario: str,
     out: Path | None,
@@ -89,9 +80,7 @@ def plan_command(
         if csv is not None and result.plan is not None:
             save_setpoints(result.plan, csv, rate_Hz)
         if plot is not None and result.plan is not None:
-            from twosra_mpc.plotting import plot_plan
-
-            plot_plan(result.plan, plot)
+            plotting.plot_plan(result.plan, plot)
     if result.plan is None and (csv or plot):
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)
@@ -162,9 +151,7 @@ def exit_code(*results: Result) -> int:
 
 @options.command("explain")
 @click.argument("scenario", **options.SCENARIO)
-@options.scenario_options(
-    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact"
-)
+@options.scenario_options("planner", "max_phases")
 def explain_command(scenario: str, load: options.Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 

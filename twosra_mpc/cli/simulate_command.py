@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
+from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
@@ -43,12 +44,10 @@ _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 )
 @click.option("--runs", type=click.IntRange(1), default=1, help="Run as many robots, and sum up.")
 @click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
-@options.scenario_options(
-    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact"
-)
+@options.scenario_options("planner", "max_phases")
 @options.file_option("--out", "Write the (first) run as JSON.")
 @options.plot_option("Draw it")
-@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.animation)
+@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.film)
 def simulate_command(
     scenario: str,
     plant: str,
@@ -95,14 +94,10 @@ def simulate_command(
         if out is not None:
             write_json(out, first.to_dict())
         if plot is not None:
-            from twosra_mpc.plotting import plot_run
-
-            plot_run(first.run, first.truth, plot)
+            plotting.plot_run(first.run, first.truth, plot)
         if animate is not None:
-            from twosra_mpc.plotting import animate_run
-
             shown = counting(tell, "filming: frame")
-            animate_run(first.run, animate, first.truth, on_progress=shown)
+            plotting.animate_run(first.run, animate, first.truth, on_progress=shown)
         found = [first.metrics]
         for other in range(1, runs):
             tell(f"running {other + 1} of {runs}")

@@ -62,16 +62,26 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
         NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    _write(path, columns(plan.require().trajectory.held(rate_Hz)))
-
-
-def _write(path: str | Path, named: dict[str, Array]) -> None:
-    """Write columns under their names; modes are whole numbers."""
     ending_of(path, ".csv")
+    write_text(path, setpoints_csv(plan, rate_Hz))
+
+
+def setpoints_csv(plan: Plan, rate_Hz: float | None = None) -> str:
+    """Return the set-points of a plan as CSV, as `save_setpoints` writes them.
+
+    Raises:
+        NoPlanError: If the plan is not verified.
+        InputError: If the rate is not acceptable.
+    """
+    return _csv(columns(plan.require().trajectory.held(rate_Hz)))
+
+
+def _csv(named: dict[str, Array]) -> str:
+    """Columns under their names; modes are whole numbers."""
     formats = ["%d" if column.dtype.kind == "i" else "%s" for column in named.values()]
     text, table = io.StringIO(), np.column_stack(list(named.values())) + 0.0
     np.savetxt(text, table, formats, delimiter=",", header=",".join(named), comments="")
-    write_text(path, text.getvalue())
+    return text.getvalue()
 
 
 @public
@@ -90,8 +100,9 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
         NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
+    ending_of(path, ".csv")
     samples = plan.require().trajectory.held(rate_Hz)
     named = dict(zip(("x", "y", "angle"), samples.q.T, strict=False))
     named |= _numbered("k{}", samples.q[:, POSE:])
     named |= dict(zip(("v1", "v2", "u0", "v0", "r0"), samples.v.T, strict=True))
-    _write(path, {**named, **_numbered("s{}", samples.mode), "time": samples.t_s})
+    write_text(path, _csv({**named, **_numbered("s{}", samples.mode), "time": samples.t_s}))

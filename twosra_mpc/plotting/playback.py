@@ -27,7 +27,6 @@ from twosra_mpc.plotting.timeline_figures import TimeStretch
 from twosra_mpc.plotting.world_figures import goals, targets
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import is_rigid, mode_name, named
 
 PLACES = 1001  # along the time axis
@@ -38,11 +37,9 @@ class Playback:
     """A plan or a run as a film shows it; arrays have one row a place on the time axis.
 
     Attributes:
-        geometry: Of the robot.
+        problem: Its robot, and what is around it.
         goals: Configurations to reach [m, m, rad, 1/m ...], (3 + n,) each.
-        problem: What is around the robot.
         nearest: Where it is nearest to an obstacle, if that is known.
-        melting_C: Temperatures below which metal is solid and above which it is liquid.
         phases: When the robot is driven, and in which mode.
         intervals: Stiffness of each segment over time.
         stretch: Time axis.
@@ -56,11 +53,9 @@ class Playback:
         targets: Where objects shall be carried: number of the object, from 0, and pose (3,).
     """
 
-    geometry: Geometry
-    goals: tuple[Array, ...]
     problem: Problem
+    goals: tuple[Array, ...]
     nearest: Clearance | None
-    melting_C: tuple[float, float]
     phases: tuple[Phase, ...]
     intervals: tuple[tuple[Interval, ...], ...]
     stretch: TimeStretch
@@ -114,11 +109,9 @@ def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
     stretch = TimeStretch.of(plan.phases, trajectory.duration_s or 1.0, least)
     shown = trajectory.at(places_s(stretch))
     return Playback(
-        geometry=plan.robot.geometry,
-        goals=tuple(goals(trajectory)),
         problem=plan.problem,
+        goals=tuple(goals(trajectory)),
         nearest=closest_approach(trajectory),
-        melting_C=plan.problem.stiffness_thresholds_C,
         phases=plan.phases,
         intervals=stiffness_intervals(trajectory),
         stretch=stretch,

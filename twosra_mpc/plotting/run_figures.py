@@ -297,11 +297,9 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
         objects = truth.objects[np.searchsorted(truth.time_s[:-1], shown_s)]
     sent = np.clip(np.searchsorted(log.time_s, shown_s + 1e-9) - 1, 0, None)
     return Playback(
-        geometry=problem.robot.geometry,
-        goals=(goal_configuration(run),) if not problem.ends_anywhere else (),
         problem=problem,
+        goals=(goal_configuration(run),) if not problem.ends_anywhere else (),
         nearest=None,
-        melting_C=problem.stiffness_thresholds_C,
         phases=tuple(joined_drives(run)),
         intervals=reported_states(run),
         stretch=stretch,

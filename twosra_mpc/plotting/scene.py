@@ -61,7 +61,7 @@ class Scene:
         top = rows[0].subgridspec(2, 2, height_ratios=(1, 6), **widths)
         self._plane, self._gauges = (self.figure.add_subplot(at) for at in (top[:, 0], top[1, 1]))
         self._bars, self._curves = (self.figure.add_subplot(rows[row]) for row in (1, 2))
-        shapes = robot_shape(playback.geometry, playback.q, 2)
+        shapes = robot_shape(playback.problem.robot.geometry, playback.q, 2)
         self._centres = shapes.centres
         _set_plane(self._plane, playback, titles[0], shapes.wheels)
         self._floor_C, top_C = _set_gauges(self._gauges, playback)
@@ -92,12 +92,12 @@ class Scene:
     def _objects(self, row: int) -> list[Artist]:
         """Objects where they are."""
         playback, poses = self._playback, self._playback.objects[row]
-        beside = robot_shape(playback.geometry, playback.q[row])
+        beside = robot_shape(playback.problem.robot.geometry, playback.q[row])
         style: dict[str, Any] = {"beside": beside, "size_pt": 9.5}
         return world_figures.draw_objects(self._plane, playback.problem, poses, **style)
 
     def _robot(self, row: int) -> list[Artist]:
-        q, geometry = self._playback.q[row], self._playback.geometry
+        q, geometry = self._playback.q[row], self._playback.problem.robot.geometry
         mode, changing = soft_and_changing(self._playback.states(row))
         drawn = robot_artists(self._plane, robot_shape(geometry, q), mode, changing, 1.0, 8)
         return [*drawn, *number_units(self._plane, geometry, q, 11)]
@@ -166,9 +166,9 @@ class Scene:
 
 def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None:
     problem = playback.problem
-    reached = [robot_shape(playback.geometry, q, 2).wheels for q in playback.goals]
+    reached = [robot_shape(playback.problem.robot.geometry, q, 2).wheels for q in playback.goals]
     for q in playback.goals:
-        draw_outline(ax, playback.geometry, q)
+        draw_outline(ax, playback.problem.robot.geometry, q)
     world_figures.draw_targets(ax, problem, playback.targets)
     first, last = (world_figures.outlines_m(problem, each) for each in playback.objects[[0, -1]])
     seen = [part.reshape(-1, 2) for part in (corners, *reached, *first, *last)]
@@ -209,7 +209,7 @@ def _set_gauges(ax: Axes, playback: Playback) -> tuple[float, float]:
     """Prepare the thermometers, and return the range that they show [C]."""
     warm, numbers = playback.temperature_C, range(len(playback.intervals))
     floor = 5 * np.floor(warm.min() / 5 - 1)
-    top = max(warm.max(), playback.melting_C[1]) + 3.0
+    top = max(warm.max(), playback.problem.stiffness_thresholds_C[1]) + 3.0
     ax.bar(numbers, top - floor, 0.5, floor, fc="0.94", ec="0.6", lw=0.8, zorder=1)
     _mark_melting(ax, playback, zorder=4)
     ax.set(xlim=(-0.5, len(numbers) - 0.5), ylim=(floor, top))
@@ -222,8 +222,8 @@ def _set_gauges(ax: Axes, playback: Playback) -> tuple[float, float]:
 
 
 def _mark_melting(ax: Axes, playback: Playback, zorder: float) -> None:
-    ax.axhspan(*playback.melting_C, fc="0.5", lw=0, alpha=0.2, zorder=zorder)
-    for edge in set(playback.melting_C):
+    ax.axhspan(*playback.problem.stiffness_thresholds_C, fc="0.5", lw=0, alpha=0.2, zorder=zorder)
+    for edge in set(playback.problem.stiffness_thresholds_C):
         ax.axhline(edge, c="0.4", lw=1, ls=":", zorder=zorder)
 
 

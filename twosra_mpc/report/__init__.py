@@ -1,5 +1,5 @@
 """Reports: one self-contained HTML page about a plan, to read, to send and to plan again from."""
 
-from twosra_mpc.report.page import Origin, check_report_path, report_page, write_report
+from twosra_mpc import exported
 
-__all__ = ["Origin", "check_report_path", "report_page", "write_report"]
+__getattr__, __dir__, __all__ = exported(__name__)

@@ -54,7 +54,7 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     times, q = playback.time_s, playback.q
     new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
     kept = [True, *new]
-    shapes = robot_shape(playback.geometry, q[kept], ARC_POINTS)
+    shapes = robot_shape(playback.problem.robot.geometry, q[kept], ARC_POINTS)
     robots = [pose(RobotShape(*parts)) for parts in zip(*vars(shapes).values(), strict=True)]
     if playback.problem.objects:
         placed = zip(robots, q[kept], playback.objects[kept], strict=True)
@@ -89,7 +89,7 @@ def ghost_of(plan: Plan, time_s: Sequence[float]) -> dict[str, Any]:
 
 def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     """Poses of objects, (objects, 3), and places of their names beside the robot at q."""
-    shape = robot_shape(playback.geometry, q)
+    shape = robot_shape(playback.problem.robot.geometry, q)
     outlines = world_figures.outlines_m(playback.problem, poses)
     sides = [world_figures.free_side(outline, shape) for outline in outlines]
     return {
@@ -151,7 +151,7 @@ def motion_of(plan: Plan, box: tuple[float, float, float, float] | None = None) 
     playback, samples = plan_playback(plan), plan.trajectory.samples
     scale = Thermometer.of(plan)
     places = playback.q, samples.q[0], *_goals(plan)
-    shapes = [robot_shape(playback.geometry, at, ARC_POINTS) for at in places]
+    shapes = [robot_shape(playback.problem.robot.geometry, at, ARC_POINTS) for at in places]
     start, *ends = shapes[1:]
     if box is None:
         box = filmed_box(plan.problem, shapes, world_figures.seen_m(plan.trajectory))

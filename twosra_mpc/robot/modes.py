@@ -7,7 +7,7 @@ A mode is sigma = (s1, ..., sn), one entry for each segment: s_j = 1 when segmen
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Literal
 
@@ -36,6 +36,11 @@ def is_rigid(mode: Mode) -> bool:
 def soft_segments(mode: Mode) -> tuple[int, ...]:
     """Soft segments (from 0)."""
     return tuple(j for j, soft in enumerate(mode) if soft)
+
+
+def merged(modes: Iterable[Mode]) -> ModeSequence:
+    """Modes that follow each other, none twice in a row."""
+    return tuple(mode for mode, _ in itertools.groupby(modes))
 
 
 def soft_runs(sequence: Sequence[Mode]) -> list[list[int]]:

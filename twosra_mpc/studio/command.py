@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Output, digits, print_table
 
@@ -17,7 +18,7 @@ from twosra_mpc.cli.output import Output, digits, print_table
 @click.argument("scenario", default="paper-1", **options.SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 takes a free one.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
-@options.scenario_options("planner", "robot", "path_model", "timing", "gap", "exact")
+@options.scenario_options("work_limit", "time_limit_s", "max_phases")
 def studio_command(
     scenario: str, port: int, no_browser: bool, load: options.Load, output: Output
 ) -> None:
@@ -47,7 +48,7 @@ def studio_command(
 @click.option("--over", required=True, metavar="A,B", help="Two of x, y, phi, kappa1, kappa2 ...")
 @click.option("--size", type=click.IntRange(2, 101), default=17, help="Points a side.")
 @options.plot_option("Draw the map")
-@options.scenario_options("planner", "robot", "path_model", "timing", "gap", "exact")
+@options.scenario_options("work_limit", "time_limit_s", "max_phases")
 def map_command(
     scenario: str, over: str, size: int, plot: Path | None, load: options.Load, output: Output
 ) -> None:
@@ -66,9 +67,7 @@ def map_command(
             cells.append(cell)
             tell(f"mapping: {len(cells)} of {size**2} points")
     if plot is not None:
-        from twosra_mpc.plotting import plot_map
-
-        plot_map(cells, (names[0], names[1]), plot)
+        plotting.plot_map(cells, (names[0], names[1]), plot)
     rows = []
     for sequence, count in Counter(cell.sequence for cell in cells).most_common():
         taken = [cell.duration_s or math.nan for cell in cells if cell.sequence == sequence]

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import json
-import tempfile
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Literal
 
 from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.plans.setpoints import setpoints_csv
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report.page import report_page, scenario_toml
 from twosra_mpc.validation import Value
@@ -41,17 +37,9 @@ def saved(asked: Saved) -> dict[str, Any]:
         case "html":
             text = report_page(plan(problem))
         case "csv":
-            text = _written(
-                plan(problem), lambda result, path: save_setpoints(result.require(), path)
-            )
+            text = setpoints_csv(plan(problem).require())
     name = {"toml": "scenario", "json": "plan", "html": "report", "csv": "setpoints", "py": "plan"}
     return {"kind": "file", "name": f"{name[asked.form]}.{asked.form}", "text": text}
-
-
-def _written(result: Result, write: Callable[[Result, Path], None]) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        write(result, path := Path(folder, "setpoints.csv"))
-        return path.read_text(encoding="utf-8")
 
 
 def _python(document: dict[str, Any]) -> str:

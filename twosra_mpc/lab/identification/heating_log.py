@@ -12,7 +12,7 @@ A cycle starts with each heating. Other columns are ignored.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
@@ -25,7 +25,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import finer_unit, read_csv
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ReadOnlyArrays
 
 Flags = NDArray[np.bool_]
 Mode = Literal["heating", "hold", "cooling"]
@@ -52,7 +52,7 @@ _FASTEST_K_PER_S = 1.0
 
 @public
 @dataclass(frozen=True, eq=False, repr=False)
-class HeatingLog(ArrayValue):
+class HeatingLog(ReadOnlyArrays):
     """A checked log; arrays (n,), read-only.
 
     Attributes:
@@ -73,7 +73,7 @@ class HeatingLog(ArrayValue):
     ambient_C: float
 
     def __post_init__(self) -> None:
-        freeze(self)
+        super().__post_init__()
         self._check_samples()
         self._check_course()
 
@@ -152,8 +152,8 @@ class HeatingLog(ArrayValue):
             raise self._refuse("temp_C", hottest, allowed)
 
 
-@dataclass(frozen=True, eq=False)
-class EvenLog:
+@dataclass(frozen=True, eq=False, repr=False)
+class EvenLog(ReadOnlyArrays):
     """A log on an even grid of n points, spikes removed; arrays read-only.
 
     Attributes:
@@ -178,20 +178,9 @@ class EvenLog:
     cycle: NDArray[np.int_]
     ambient_C: float
 
-    def __post_init__(self) -> None:
-        freeze(self)
-
     def scoring(self, chosen: Flags) -> EvenLog:
         """Return the same log scored only where ``chosen`` (n,)."""
         return replace(self, scored=self.scored & chosen)
-
-
-def freeze(record: HeatingLog | EvenLog) -> None:
-    """Make the arrays of a record read-only."""
-    for each in fields(record):
-        value = getattr(record, each.name)
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
 
 
 @public

@@ -30,7 +30,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
-from twosra_mpc.validation import ArrayValue
+from twosra_mpc.validation import ReadOnlyArrays
 
 LEAST_ROWS = 3
 LONGEST_STEP_S = 30.0  # a longer one ends a phase: the robot waits for its metal
@@ -42,7 +42,7 @@ _SMOOTHED = 9  # rows, about half a second: headings of a unit jump by 0.2 rad f
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MotionLog(ArrayValue):
+class MotionLog(ReadOnlyArrays):
     """A checked log of n rows; arrays read-only.
 
     Attributes:
@@ -59,10 +59,6 @@ class MotionLog(ArrayValue):
     q: Array
     mode: NDArray[np.int_]
     commands: Array
-
-    def __post_init__(self) -> None:
-        for values in (self.time_s, self.q, self.mode, self.commands):
-            values.setflags(write=False)
 
     @property
     def by_wheels(self) -> bool:

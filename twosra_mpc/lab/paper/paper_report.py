@@ -24,7 +24,7 @@ from twosra_mpc.lab.paper import (
     trials,
     unit_paths,
 )
-from twosra_mpc.lab.paper.section import Data, Section, Tell, Verdict, declared
+from twosra_mpc.lab.paper.section import PAPER, Data, Section, Tell, Verdict, declared
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.report.page import policy, versions
 
@@ -149,20 +149,6 @@ def _made(folder: Path) -> Path:
 
 
 _FOLDER = "lab/paper"
-# Everything that the paper shows -> where it is in this report, or why it is not.
-SHOWN = (
-    ("Fig. 1, 2", "the robot and its geometry", "drawings: nothing to compute"),
-    ("Fig. 3, Table I", "paths of the units and their spirals", "paths"),
-    ("Fig. 4", "geometry of a spiral, control strategy", "drawings: nothing to compute"),
-    ("Fig. 5(a)", "set-up of the trials", "a photograph"),
-    ("Fig. 5(b)", "forward kinematics against the planner", "statistics"),
-    ("Fig. 6(a)", "the five tasks", "tasks"),
-    ("Fig. 6(b-d)", "segment in thermal photographs", "curvature"),
-    ("Fig. 7(a-c)", "trials against simulations", "trials"),
-    ("Fig. 7(d)", "curvature along the segment", "curvature"),
-    ("Fig. 8", "two applications", "applications"),
-    ("Table II", "comparison with other robots", "properties in words: nothing to compute"),
-)
 
 
 def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], folder: Path) -> str:
@@ -184,7 +170,7 @@ def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], fol
             titles={section.name: section.title for section in sections},
             verdicts={one.value: count for one, count in verdicts.items()},
             look={one.value: one.name.lower() for one in Verdict},
-            shown=SHOWN,
+            shown=PAPER["shown"],
             versions=versions(None),
             pictures={
                 picture.file: b64encode((folder / picture.file).read_bytes()).decode()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +18,10 @@ from twosra_mpc.lab.figures.paper_figures import (
 )
 from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.robot.modes import sequence_name
 
 TASKS_FIGURE, ERROR_FIGURE = "published-tasks.png", "error-decrease.png"
 TASKS = tuple(SIMULATION_OF_TASK)
-# Mode sequences and numbers of recorded rows of the authors' simulated trajectories, repository
-# 2sr-agent-simulation (simulations 4, 2, 3, 1 and 5 are the paper's experiments 1 to 5).
-PUBLISHED: dict[str, tuple[tuple[Mode, ...], int]] = {
-    "paper-1": (((1, 1), (0, 1), (1, 0), (0, 0)), 140),
-    "paper-2": (((1, 0), (0, 0)), 115),
-    "paper-3": (((1, 1), (0, 1), (1, 0), (0, 0)), 144),
-    "paper-4": (((0, 1), (0, 0)), 111),
-    "paper-5": (((0, 1), (1, 0), (0, 0)), 62),
-}
 _COLUMNS = ("case", "x_m", "y_m", "phi_rad", "kappa1_per_m", "kappa2_per_m", "sigma1", "sigma2")
 _CLONED, _CLONED_COLUMNS = "Data/simulation*.csv", ("x", "y", "phi", "k1", "k2", "s1", "s2")
 _LEFT = (0.05, 0.001)  # shares of what is missing at the start
@@ -93,7 +83,7 @@ def _compare(task: str, recorded: Array | None) -> dict[str, Any]:
         alike = recorded.shape == rows.shape
         same = float(np.abs(recorded - rows).max()) if alike else float("inf")
     return {
-        "sequence": [mode for mode, _ in groupby(map(tuple, run.mode[1:].tolist()))],
+        "sequence": run.sequence,
         "recorded_rows": len(run.q),
         "iterations": run.iterations,
         "distance_left": float(np.linalg.norm(run.final_q - target)),
@@ -121,11 +111,11 @@ def section(data: Data) -> Section:
     """Compare runs with what was published."""
     of = {task: data[task] for task in TASKS}
     differences = {task: one["largest_difference"] for task, one in of.items()}
-    pairs = [(one, *PUBLISHED[task]) for task, one in of.items()]
-    same = [sequence_name(one["sequence"]) == sequence_name(modes) for one, modes, _ in pairs]
+    pairs = [(one, SIMULATION_OF_TASK[task]) for task, one in of.items()]
+    same = [sequence_name(a["sequence"]) == sequence_name(b.sequence) for a, b in pairs]
     found = differences | {
         "sequences": np.mean(same),
-        "rows": np.mean([one["recorded_rows"] == rows for one, _, rows in pairs]),
+        "rows": np.mean([one["recorded_rows"] == published.rows for one, published in pairs]),
         "reached": np.mean([one["distance_left"] == 0.0 for one in of.values()]),
         **{
             f"last_{left}": np.mean([one["last"][str(left)] for one in of.values()])
@@ -145,9 +135,9 @@ def _runs(of: dict[str, Any]) -> Table:
     rows = [
         (
             task,
-            sequence_name(PUBLISHED[task][0]),
+            sequence_name(SIMULATION_OF_TASK[task].sequence),
             sequence_name(one["sequence"]),
-            str(PUBLISHED[task][1]),
+            str(SIMULATION_OF_TASK[task].rows),
             str(one["recorded_rows"]),
             str(one["iterations"]),
         )

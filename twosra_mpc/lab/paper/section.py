@@ -28,6 +28,7 @@ class Verdict(Word):
     UNCHECKED = "cannot be checked: no data"
 
 
+PAPER = tomllib.loads(data_file("lab/paper/paper.toml"))
 _DIRECTION = {"equal": "off", "at most": "above", "at least": "below"}
 
 
@@ -202,7 +203,7 @@ def declared(
         missing: Whether to say what to give.
         others: Claims that are not declared, shown first.
     """
-    about = tomllib.loads(data_file("lab/paper/paper.toml"))[name]
+    about = PAPER[name]
     claims = (
         Claim(
             one["words"],

@@ -21,14 +21,7 @@ from twosra_mpc.robot.modes import mode_name, sequence_name
 
 TRIALS_FIGURE, DTW_FIGURE = "trials.png", "dtw.png"
 COORDINATES = ("x", "y", "phi", "kappa_1", "kappa_2")
-# Distances of the bar plot of Fig. 7(b), from the authors' published notebook.
-DTW: dict[int, tuple[float, ...]] = {
-    1: (429.166339, 299.797615, 385.546026, 70.606072, 117.631930),
-    2: (216.660894, 645.312853, 434.557395, 290.484640, 549.796451),
-    3: (275.005512, 167.720143, 123.638113, 66.678894, 155.713481),
-    4: (16.625281, 57.195667, 26.168597, 99.198261, 22.733424),
-    5: (355.521156, 98.367755, 275.780922, 191.731375, 42.135492),
-}
+DTW = {number: simulation.dtw for number, simulation in SIMULATIONS.items()}
 Trials: TypeAlias = dict[int, Data]  # number -> what its log says, in order
 _BEST_FIT_TRIAL = 3
 
@@ -64,8 +57,7 @@ def _log(log: MotionLog) -> Data:
         distances = np.array([row.published for row in rows.values()])
         data["dtw"] = rows[number]
         data["nearest"] = (distances.argmin(axis=0) == list(rows).index(number)).tolist()
-        modes = SIMULATIONS[number].run().mode[1:].tolist()
-        data["simulated"] = [m for k, m in enumerate(modes) if k == 0 or m != modes[k - 1]]
+        data["simulated"] = SIMULATIONS[number].run().sequence
     return data
 
 

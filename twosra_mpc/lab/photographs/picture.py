@@ -18,7 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import reading
 from twosra_mpc.lab.image_file import open_image
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import Pair, Positive, Value
+from twosra_mpc.validation import Pair, Positive, ReadOnlyArrays, Value
 
 ENDINGS = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
 WHITE = 255
@@ -54,15 +54,12 @@ class Camera(Value):
         return self.length_m / self.scale_m
 
 
-@dataclass(frozen=True, eq=False)
-class Photograph:
+@dataclass(frozen=True, eq=False, repr=False)
+class Photograph(ReadOnlyArrays):
     """Grey values 0 to 255 of one picture, (rows, columns), read-only; with the file it is from."""
 
     path: Path
     grey: Array
-
-    def __post_init__(self) -> None:
-        self.grey.setflags(write=False)
 
 
 def pictures_in(folder: str | Path) -> list[Path]:

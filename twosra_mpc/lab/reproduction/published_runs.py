@@ -23,16 +23,17 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import groupby
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.arguments import public
+from twosra_mpc.files import data_file
 from twosra_mpc.lab.reproduction.published_model import (
     CURVATURE_RANGE,
     HeldFrames,
@@ -46,8 +47,8 @@ from twosra_mpc.lab.reproduction.published_model import (
 )
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
-from twosra_mpc.validation import ArrayValue, Count, Positive
+from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence, merged
+from twosra_mpc.validation import Count, Positive, ReadOnlyArrays
 
 IntArray: TypeAlias = NDArray[np.int64]
 
@@ -72,7 +73,7 @@ class StopReason(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PublishedTrajectory(ArrayValue):
+class PublishedTrajectory(ReadOnlyArrays):
     """The recorded rows of one run; row 0 is the start with mode (0, 0). Arrays are read-only.
 
     As published, only steps longer than 1e-5 (unweighted norm of m, rad and 1/m) are recorded.
@@ -99,15 +100,10 @@ class PublishedTrajectory(ArrayValue):
     iterations: int
     every_mode: ModeSequence
 
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for array in (self.q, self.mode, self.velocity, self.iteration, self.final_q):
-            array.setflags(write=False)
-
     @property
     def sequence(self) -> ModeSequence:
         """Recorded modes without repetitions; the start is not one."""
-        return without_repetitions((row[0], row[1]) for row in self.mode[1:].tolist())
+        return merged(map(tuple, self.mode[1:].tolist()))
 
 
 class _Problem(NamedTuple):
@@ -188,13 +184,8 @@ def published_trajectory(
         final_q=np.array(step.q),
         stop=stop,
         iterations=iteration,
-        every_mode=without_repetitions(modes),
+        every_mode=merged(modes),
     )
-
-
-def without_repetitions(modes: Iterable[Mode]) -> ModeSequence:
-    """Return the sequence of modes, each once until it changes."""
-    return tuple(mode for mode, _ in groupby(modes))
 
 
 def _stop_reason(q: Vector, iteration: int, problem: _Problem) -> StopReason | None:
@@ -237,9 +228,9 @@ def _candidate(q: Vector, mode: Mode, time_s: float, problem: _Problem) -> _Step
     return _Step(reached, mode, velocity, moved=distance(reached, q))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Simulation:
-    """A published simulation.
+    """A published simulation, and what was published of its task.
 
     Attributes:
         number: Its number in the authors' data.
@@ -247,12 +238,19 @@ class Simulation:
         step_s: Time step.
         switches: Iterations at which the mode changed. The published rule looks at the last bit of
             the configuration, on which C libraries differ; so they are given.
+        sequence: Modes of the authors' simulated trajectory.
+        rows: Rows that it records.
+        dtw: Distances of the trial from it by dynamic time warping, of x, y, phi, kappa_1 and
+            kappa_2 (bar plot of Fig. 7(b), from the authors' notebook).
     """
 
     number: int
     task: str
     step_s: float
-    switches: tuple[int, ...]
+    switches: list[int]
+    sequence: ModeSequence
+    rows: int
+    dtw: list[float]
 
     @cached_property
     def start(self) -> Array:
@@ -278,10 +276,8 @@ class Simulation:
 
 
 # Trial of the hardware -> its simulation; trial n has the task paper-n.
+_PUBLISHED = tomllib.loads(data_file("lab/reproduction/published_runs.toml"))["simulation"]
 SIMULATIONS = {
-    1: Simulation(4, "paper-1", 0.05, (162, 216, 254)),
-    2: Simulation(2, "paper-2", 0.05, (162,)),
-    3: Simulation(3, "paper-3", 0.05, (166, 216, 253)),
-    4: Simulation(1, "paper-4", 0.05, (163,)),
-    5: Simulation(5, "paper-5", 0.1, (74, 93)),
+    trial: Simulation(**each | {"sequence": tuple(map(tuple, each["sequence"]))})
+    for trial, each in enumerate(_PUBLISHED, start=1)
 }
