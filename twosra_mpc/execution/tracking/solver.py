@@ -1,4 +1,4 @@
-"""One mode's quadratic program in OSQP: set up once, then only numbers change."""
+"""Quadratic program of a mode in OSQP: set up once, then only numbers change."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class ProgramInPlace:
             self._y[-1] = -self._cost[-1]  # the multiplier of a slack that is zero
 
     def __reduce__(self) -> tuple[object, ...]:
-        """What another process compiles anew, and the solution that it goes on from."""
+        """State without what is compiled: its setup, and the solution to go on from."""
         return ProgramInPlace._resumed, (self.program.setup, self._settings, self._x, self._y)
 
     @classmethod

@@ -67,7 +67,7 @@ class Measurement(ArrayValue):
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Command(ArrayValue):
-    """What to send to the robot until the next step; arrays are read-only.
+    """Command to the robot until the next step; arrays are read-only.
 
     Attributes:
         wheel_rad_s: Wheel speeds, (4,).
