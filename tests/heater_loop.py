@@ -128,8 +128,8 @@ def _sample(segment: HeatedSegment) -> tuple[object, ...]:
     memory, observed = segment.memory, segment.controller.rule.observer.model
     estimated = observed.melt_fraction(memory.known.estimate.state)
     true = segment.temperature_C, segment.melt_fraction, segment.measured_C, estimated
-    told = memory.stiffness, memory.protection
-    return *true, memory.current_A, memory.integrator, segment.heat_J, *told
+    told = segment.heat_J, memory.stiffness, memory.protection
+    return *true, memory.current_A, memory.integrator, *told
 
 
 def stretches(run: HeaterRun, soft_setpoint_C: float) -> tuple[Stretch, ...]:
