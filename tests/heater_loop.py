@@ -125,10 +125,11 @@ _SAMPLED = (
 
 def _sample(segment: HeatedSegment) -> tuple[object, ...]:
     """Values of a sample, in the order of `_SAMPLED`."""
-    memory, estimated = segment.memory, segment.controller.melt_fraction(segment.memory)
+    memory, observed = segment.memory, segment.controller.rule.observer.model
+    estimated = observed.melt_fraction(memory.known.estimate.state)
     true = segment.temperature_C, segment.melt_fraction, segment.measured_C, estimated
-    told = memory.stiffness, memory.protection
-    return *true, memory.current_A, memory.integrator, segment.heat_J, *told
+    told = segment.heat_J, memory.stiffness, memory.protection
+    return *true, memory.current_A, memory.integrator, *told
 
 
 def stretches(run: HeaterRun, soft_setpoint_C: float) -> tuple[Stretch, ...]:

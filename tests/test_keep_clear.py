@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 ROBOT = load_robot("2sra-v1")
 STRAIGHT = {"phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
 WALL = {"name": "wall", "box": {"x_m": [-0.4, 0.8], "y_m": [0.06, 0.1]}}  # 24 mm beside the drive
-ASIDE = np.array([0.0, 4e-3, 0.0, 0.0, 0.0])  # more in a period than the tracker makes good
+ASIDE = np.array([0.0, 4e-3, 0.0])  # more in a period than the tracker makes good
 AT_ONCE = ExecutorSettings(stops=0)
 
 
@@ -51,7 +51,7 @@ class Dragged(SimulatedRobot):
 
     def wait(self, at_most_s: float) -> None:
         if self._told_rad_s.any():
-            self.push(ASIDE[:3])
+            self.push(ASIDE)
         super().wait(at_most_s)
 
 
@@ -146,7 +146,7 @@ def test_a_rigid_drive_that_leaves_its_narrow_corridor_is_planned_again(straight
             super().send(wheel_rad_s, heater_setpoint_C)
             if wheel_rad_s.any() and not self.pushed:
                 self.pushed = True
-                self.push(-7.5 * ASIDE[:3])
+                self.push(-7.5 * ASIDE)
 
     far = {"name": "far", "disc": {"x_m": 0.0, "y_m": 2.0, "radius_m": 0.1}}
     for made, corrections in ((straight, 0), (among(straight, obstacles=[far]), 1)):

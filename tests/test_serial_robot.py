@@ -11,10 +11,7 @@ from once import planned
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, Plan, Problem
-from twosra_mpc.errors import RobotError
-from twosra_mpc.execution.executor import Executor
-from twosra_mpc.execution.robot_interface import Camera
-from twosra_mpc.execution.run import Ending
+from twosra_mpc.execution import Camera, Ending, Executor, RobotError
 from twosra_mpc.lab.serial.robot import STOPS, connected
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.result import Result

@@ -1,4 +1,4 @@
-"""One segment with all that belongs to it: heater, thermistor, controller; when it is confirmed.
+"""Segment with its heater, thermistor and controller, and when its changes are confirmed.
 
 A run takes a segment for soft or rigid when its controller says so by its sensor (`stiffness`), or,
 as it knows the metal, too, when metal that is surely liquid, or solid, has left the plateau. So it
@@ -97,7 +97,7 @@ class HeatedSegment:
 
     @property
     def stiffness(self) -> KnownStiffness:
-        """What the controller reports."""
+        """Stiffness as the controller reports it."""
         return self.memory.stiffness
 
     @property
@@ -196,7 +196,7 @@ def _windows(
 
 
 def _clearly(segment: HeatedSegment, moved_K: float) -> Stiffness | None:
-    """What a segment is to whoever knows its metal; None: that is not clear yet."""
+    """Stiffness of a segment to whoever knows its metal; None: that is not clear yet."""
     model, state = segment.model, segment.state
     level, stays_s = model.level(state), 0.0
     if level > model.liquid_level:

@@ -55,7 +55,6 @@ class ControllerState:
     """State of the controller from one step to the next.
 
     Attributes:
-        time_s: Time since the start.
         current_A: Heater current to apply until the next step.
         integrator: I, in units of the output.
         protection: "tripped" while too hot, "fault" while there is no sensor to trust.
@@ -65,7 +64,6 @@ class ControllerState:
         stuck_C: Temperature at the start of that time.
     """
 
-    time_s: float
     current_A: float
     integrator: float
     protection: Protection
@@ -128,7 +126,7 @@ class StiffnessController:
             raise InputError("measured_C", measured_C, "a reading: the sensor is at fault")
         here = self.segment_C(measured_C)
         known = self.rule.start(here)
-        return ControllerState(0.0, 0.0, 0.0, "none", known, (here, here), 0.0, here)
+        return ControllerState(0.0, 0.0, "none", known, (here, here), 0.0, here)
 
     def step(
         self, state: ControllerState, setpoint: Stiffness, measured_C: float, dt_s: float
@@ -155,17 +153,12 @@ class StiffnessController:
             return self._regulate(state, setpoint, self.segment_C(measured_C), dt_s)
         if sound and setpoint == "rigid":
             fresh = self.start(measured_C)  # the sensor must show anew what the segment is
-            known = replace(fresh.known, stiffness="changing")
-            return replace(fresh, time_s=state.time_s + dt_s, known=known)
-        return self._switch_off(state, dt_s)
+            return replace(fresh, known=replace(fresh.known, stiffness="changing"))
+        return _faulty(state)
 
     def segment_C(self, measured_C: float) -> float:
         """Temperature of a segment that has long been at a reading."""
         return self.ambient_C + (measured_C - self.ambient_C) / self.sensor_gain
-
-    def melt_fraction(self, state: ControllerState) -> float:
-        """Estimated share of the metal that is liquid."""
-        return self.rule.observer.model.melt_fraction(state.known.estimate.state)
 
     def pi_law(self, integrator: float, temperature_C: float, dt_s: float) -> tuple[float, float]:
         """Output, and integrator for the next step."""
@@ -199,13 +192,12 @@ class StiffnessController:
         here_C = sorted((*state.recent_C, raw_C))[1]  # logs have single readings that are far off
         stuck_s, stuck_C = self._stuck(state, here_C, dt_s)
         if stuck_s > self.stuck_after_s:
-            return self._switch_off(state, dt_s)
+            return _faulty(state)
         tripped = raw_C >= (self.resume_C if state.protection == "tripped" else self.trip_C)
         output, integrator = 0.0, 0.0
         if setpoint == "soft" and not tripped:
             output, integrator = self.pi_law(state.integrator, here_C, dt_s)
         return ControllerState(
-            time_s=state.time_s + dt_s,
             current_A=self._current_A(output),
             integrator=integrator,
             protection="tripped" if tripped else "none",
@@ -223,16 +215,11 @@ class StiffnessController:
             return state.stuck_s + dt_s, state.stuck_C
         return 0.0, here_C
 
-    def _switch_off(self, state: ControllerState, dt_s: float) -> ControllerState:
-        """Fault: no current, and nothing known about the segment."""
-        return replace(
-            state,
-            time_s=state.time_s + dt_s,
-            current_A=0.0,
-            integrator=0.0,
-            protection="fault",
-            known=replace(state.known, stiffness="changing"),
-        )
+
+def _faulty(state: ControllerState) -> ControllerState:
+    """Fault: no current, and nothing known about the segment."""
+    known = replace(state.known, stiffness="changing")
+    return replace(state, current_A=0.0, integrator=0.0, protection="fault", known=known)
 
 
 def stiffness_controller(robot: Robot, ambient_C: float, segment: int) -> StiffnessController:

@@ -43,7 +43,7 @@ class AstrayError(TwosraError):
 
 
 class UnseenError(TwosraError):
-    """Nothing sees the robot any more."""
+    """Camera frames are missing for too long."""
 
 
 class ObjectLostError(TwosraError):
@@ -59,7 +59,7 @@ _STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 
 
 class Activity(Protocol):
-    """What a controller is at; a value."""
+    """Activity of a controller; a value."""
 
     def advance(self) -> Next:
         """The next command, or what to do instead."""
@@ -69,16 +69,16 @@ Next = Command | Activity | Verdict
 
 
 class Policy(Protocol):
-    """What is done: a plan that is followed, the greedy rule, a plan that is played."""
+    """Policy of a run: a plan is followed or played, or the greedy rule decides."""
 
     during: str
     longest_s: float
 
     def begin(self) -> Activity:
-        """What to do at first."""
+        """First activity."""
 
     def troubled(self, trouble: Trouble) -> Next:
-        """What to do about a trouble; the robot stands."""
+        """Answer to a trouble; the robot stands."""
 
     def verdict(self, ending: Ending, reason: str) -> Verdict:
         """An ending of the run."""

@@ -130,10 +130,10 @@ class PlanPolicy(Policy, Protocol):
         return self.course.belief.mode == mode
 
     def arrived(self, index: int) -> Next:
-        """What to do when a phase may begin, or at the plan's end."""
+        """Next activity when a phase may begin, or at the plan's end."""
 
     def learnt(self, index: int, what: str) -> Next | None:
-        """What to do about what has become known while a phase is waited for; None: wait on."""
+        """Answer to news while a phase is waited for; None: wait on."""
 
 
 class Waiting:
@@ -164,7 +164,7 @@ class Waiting:
         return rest(course.belief, policy.setpoint_C, rest_s, course.planned)
 
     def _learnt(self) -> str:
-        """What has become known since it was asked last, in words; nothing if nothing has."""
+        """News since it was asked last, in words; empty if there are none."""
         course = self._policy.course
         changes, (mode, until_s) = course.belief.changes, course.needs(self._index)
         if len(changes) > self._told:

@@ -57,7 +57,7 @@ class Pulses:
 
 
 class Driving:
-    """One phase on its way, and again while looks say that it comes nearer to its end."""
+    """Phase on its way, and again while looks say that it comes nearer to its end."""
 
     def __init__(self, run: Following, index: int) -> None:
         """Begin a phase; the robot is in its mode."""
@@ -118,7 +118,7 @@ class Driving:
         return command
 
     def _standing(self) -> Next | None:
-        """What to do while the robot is not in the phase's mode, or nothing sees it."""
+        """Rest while the robot is not in the mode, or nothing sees it; None: it may drive."""
         belief, course, mode = self.belief, self.course, self.phase.mode
         if belief.mode != mode:
             held_C = course.held(self.run.setpoint_C, mode)

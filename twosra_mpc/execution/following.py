@@ -94,7 +94,7 @@ class Following(PlanPolicy):
         return plan.problem.clearance_m + plan.verification.limits.get(CLEARANCE.name, 0.0)
 
     def narrower(self) -> Activity | None:
-        """What to do where no plan keeps the clearance: ask for less; None: no more was asked."""
+        """Ask for less clearance where no plan keeps so much; None: no more was asked."""
         if self.clearance_m <= self.problem.clearance_m:
             return None
         self.belief.tell("look", f"no plan is found that keeps {1e3 * self.clearance_m:z.1f} mm")

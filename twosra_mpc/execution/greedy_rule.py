@@ -23,6 +23,7 @@ from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.greedy import proposal
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, mode_name
 
@@ -88,7 +89,7 @@ class Greedy:
         for mode in self._modes:
             if mode == self._stalled:
                 continue
-            moved = GAIN * self.proposal(mode, error)[1]
+            moved = GAIN * proposal(self._problem.robot, self.belief.q, error, mode)[1]
             if not self.stagnated(moved):
                 left[mode] = float(np.linalg.norm(error + moved))
         return min(left, key=lambda mode: left[mode], default=None)
@@ -97,14 +98,6 @@ class Greedy:
         """A mode is driven in: another may be tried again afterwards."""
         self._stalled, self.during = None, f"driven in mode {mode_name(mode)}"
         self.belief.tell("drive", self.during)
-
-    def proposal(self, mode: Mode, error: Array) -> tuple[Array, Array]:
-        """Input displacement with which a mode removes most of the error, and what it moves."""
-        jacobian = kinematics(self._problem.robot).jacobian(self.belief.q, mode).full()
-        columns = slice(0, 2) if any(mode) else slice(2, 5)
-        step = np.zeros(5)
-        step[columns] = -(np.linalg.pinv(jacobian[:, columns]) @ error)
-        return step, jacobian @ step
 
     def error(self, share: float) -> Array:
         """Error that counts, (5,): what is beyond this share of the accuracy."""
@@ -216,10 +209,10 @@ class _Drive:
         if belief.blind:  # stand, and choose again if no frames come in
             stands = rest(belief, belief.setpoint_C, belief.camera.period_s)
             return run.begin() if belief.gives_up_seeing else stands
-        step, moved = run.proposal(mode, run.error(LEFT))
+        robot, period_s = belief.problem.robot, belief.camera.period_s
+        step, moved = proposal(robot, belief.q, run.error(LEFT), mode)
         if run.stagnated(GAIN * moved):
             return run.begin()
-        robot, period_s = belief.problem.robot, belief.camera.period_s
         v = GAIN * step / period_s
         wheels = kinematics(robot).wheel_matrix(belief.q, mode).full() @ v
         most, limits = float(np.abs(wheels).max()), robot.limits

@@ -1,4 +1,4 @@
-"""What is around a robot: where objects are believed to be, and a stop before anything is too near.
+"""Guard of a robot: where objects are believed to be, and a stop before anything is too near.
 
 Looked at are where the robot is believed to be, and where the coming command and coasting after a
 stop would lead, by the model and by how it has moved lately. Too near is `Patience.stop_m` and what
@@ -220,7 +220,7 @@ def cage_of(problem: Problem, q: Array, number: int, in_b0: Array) -> Enclosure 
 
 
 def fitted(problem: Problem, q: Array, poses: Array, held: list[int]) -> Array:
-    """Where the robot may be, given that it overlaps no object; its curvatures alone are changed.
+    """Configuration in which the robot overlaps no object; its curvatures alone are changed.
 
     Objects that seem to overlap it are moved out of it, the shortest way: poses (objects, 3) are
     changed. Where one that is held has no room, the robot cannot be bent as far as it seems.

@@ -301,7 +301,7 @@ class Mission:
         self._watch(task)
 
     def _open_before_release(self) -> None:
-        """What is about to be released rests while the robot opens."""
+        """Take an object that is about to be released as resting while the robot opens."""
         objects = self.belief.objects
         if self._hold is not None and self._left and self._left[0].lets_go:
             if objects is not None and not objects.seen:

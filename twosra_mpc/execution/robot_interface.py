@@ -47,7 +47,7 @@ class Camera:
         return 1.0 / self.rate_Hz
 
     def variance(self, coordinates: Coordinates) -> Array:
-        """Of one frame, rounding included, (3 + n,)."""
+        """Variance of one frame, rounding included, (3 + n,)."""
         noise, step = coordinates.each(*self.noise), coordinates.each(*self.step)
         return np.square(noise) + np.square(step) / 12
 

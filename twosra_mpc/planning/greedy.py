@@ -28,6 +28,7 @@ from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import transition_model
 
@@ -74,7 +75,7 @@ def greedy_path(problem: Problem) -> GreedyPath:
         error = q - goal.aim(q)
         t = iteration * STEP_S
         gain = min(1.0, t * (1 - math.exp(-t)) * STEP_S)
-        proposals = {mode: _proposal(problem, q, error, mode) for mode in problem.modes}
+        proposals = {mode: proposal(robot, q, error, mode) for mode in problem.modes}
         if current is None or np.linalg.norm(gain * proposals[current][1]) <= _STAGNATION:
             left = {
                 mode: float(np.linalg.norm(error + gain * moved))
@@ -90,9 +91,9 @@ def greedy_path(problem: Problem) -> GreedyPath:
     return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.ITERATION_LIMIT)
 
 
-def _proposal(problem: Problem, q: Array, error: Array, mode: Mode) -> tuple[Array, Array]:
-    """Input displacement with which ``mode`` removes most of the error, and what it moves."""
-    jacobian = kinematics(problem.robot).jacobian(q, mode).full()
+def proposal(robot: Robot, q: Array, error: Array, mode: Mode) -> tuple[Array, Array]:
+    """Input displacement with which a mode removes most of the error, and what it moves, (5,)."""
+    jacobian = kinematics(robot).jacobian(q, mode).full()
     columns = slice(0, 2) if any(mode) else slice(2, 5)
     displacement = np.zeros(5)
     displacement[columns] = -(np.linalg.pinv(jacobian[:, columns]) @ error)

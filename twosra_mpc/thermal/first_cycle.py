@@ -141,7 +141,7 @@ class FirstCycle:
         return self._least(bound, _AT_ANY_TIME)
 
     def _solid_after_s(self, molten: State | None, held_s: float) -> float:
-        """From the end of a melt to that of the freeze after it, liquid for so long in between."""
+        """Time from the end of a melt to that of its freeze, liquid for so long in between."""
         model, windows = self.heating.model, self.heating.windows
         held_s += (1 - windows.freeze_early) * self.coasting_s  # until the model's metal freezes
         fast = slow = self.coldest_s
@@ -209,7 +209,7 @@ class FirstCycle:
         return _Span(onset_s, low + first, max(0.0, min(first, last) - beyond), done_s, molten)
 
     def _molten(self, course: int, on_s: float, since_s: float, until_s: float) -> State | None:
-        """Of heating from a time on: nowhere warmer than it is between two times, but molten."""
+        """State of heating from a time on: nowhere warmer than between two times, but molten."""
         model, state = self.heating.model, self._courses[course].state_at(on_s)
         if since_s <= on_s or not math.isfinite(until_s):
             return None

@@ -29,7 +29,7 @@ _SURELY_S = 1e-8  # after a transition's end the segment is beyond its threshold
 
 
 class Piece(NamedTuple):
-    """From ``start_s`` on: state then, heater current (None: what holds it), set-point [C]."""
+    """Piece from ``start_s`` on: state then, current (None: what holds it), set-point [C]."""
 
     start_s: float
     state: State
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class TemperatureTrajectory:
-    """One segment's heater and state over time; the last of its pieces has no end.
+    """Heater and state of a segment over time; the last of its pieces has no end.
 
     Attributes:
         model: The segment model.
@@ -125,7 +125,7 @@ class KeepWarm(NamedTuple):
 
 
 class SegmentTransition(NamedTuple):
-    """One transition as a heating makes it [s]."""
+    """Transition as a heating makes it [s]."""
 
     to: Stiffness
     heater_s: float

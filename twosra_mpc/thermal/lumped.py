@@ -27,7 +27,7 @@ from twosra_mpc.thermal.model import Array, State, Values
 
 @dataclass(frozen=True)
 class Lumped:
-    """One segment, its heater and the air around it. A state is (H,) [J].
+    """Segment of one heat content, its heater and the air around it. A state is (H,) [J].
 
     Attributes:
         heat_solid_J_per_K: C_s.

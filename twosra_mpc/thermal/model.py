@@ -72,7 +72,7 @@ class SegmentModel(Protocol):
         """Temperature of the metal; of each, where the state's values are arrays."""
 
     def melt_fraction(self, state: tuple[Values, ...]) -> Values:
-        """From 0 (solid) to 1 (liquid); of each, where the state's values are arrays."""
+        """Melt fraction, 0 (solid) to 1 (liquid); of each, where the state has arrays."""
 
     def propagate(self, state: State, current_A: float, duration_s: Values) -> tuple[Values, ...]:
         """State after a constant current; an array of durations gives arrays of values."""
@@ -140,7 +140,7 @@ def thresholds_C(model: SegmentModel) -> tuple[float, float]:
 
 
 class ReferenceTimes(NamedTuple):
-    """Of a melt from the temperature of the air, and a freeze from the set-point [s]; inf: never.
+    """Times of a melt from the air's temperature and a freeze from the set-point [s]; inf: never.
 
     Attributes:
         lead_s: Heater on to the onset of melting.

@@ -25,7 +25,7 @@ _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
 
 @dataclass(frozen=True)
 class TwoNode:
-    """One segment, its heater and the air around it. A state is (T_c, T_b) [C].
+    """Segment of two nodes, its heater and the air around it. A state is (T_c, T_b) [C].
 
     Attributes:
         power_K_per_s: p, full heater power per heat capacity of the core.

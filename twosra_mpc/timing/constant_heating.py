@@ -120,7 +120,7 @@ class ConstantHeating(SegmentHeating):
         return [(item.onset_s, melting_C), (item.done_s, melting_C)]
 
     def _peak_C(self, freeze: Transition) -> float:
-        """From where cooling to the plateau takes as long as a freeze says."""
+        """Temperature from which cooling to the plateau takes as long as a freeze says."""
         if not self.coasting_s:
             return self.heater.soft_setpoint_C
         share = min(1.0, (freeze.onset_s - freeze.heater_s) / self.coasting_s)

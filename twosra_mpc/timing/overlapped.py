@@ -157,7 +157,7 @@ class Overlapped(TransitionModel):
         return least
 
     def _heated(self, on: Event, coasting_s: float) -> float:
-        """From molten to the onset of another melt, if the metal coasts for so long after that.
+        """Time from molten to the onset of another melt after which the metal coasts for so long.
 
         Metal that coasts was heated for its share of the time it was liquid.
         """

@@ -19,7 +19,7 @@ from twosra_mpc.timing.network import Dwell, TemporalNetwork, overlaps, refused
 
 
 class Transition(NamedTuple):
-    """One melt or freeze of a segment (1 to n), times in s.
+    """Melt or freeze of a segment (1 to n), times in s.
 
     ``heater_s`` is when its heater goes on (melt) or off (freeze), ``onset_s`` from when on the
     segment may be changing, ``done_s`` when it surely has changed.
@@ -34,7 +34,7 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True)
 class SegmentHeating(ABC):
-    """One segment's heater and state over time; times in s, arrays of the times' shape.
+    """Heater and state of a segment over time; times in s, arrays of the times' shape.
 
     Attributes:
         molten_at_start: Melt fraction at t = 0: 1 if the segment is liquid.

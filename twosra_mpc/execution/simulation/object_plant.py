@@ -145,7 +145,7 @@ def _frame(pose: Array) -> Array:
 
 
 def _carried_back(at: Array, after: Array, before: Array) -> Array:
-    """Where a point of a body was, of which two points or more are known after and before."""
+    """Former place of a point of a body, two points of which are known after and before."""
     (ax, ay), (bx, by) = after[1] - after[0], before[1] - before[0]
     turn = math.atan2(ax * by - ay * bx, ax * bx + ay * by)
     return before[0] + (at - after[0]) @ rotation(turn)

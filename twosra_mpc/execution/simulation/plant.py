@@ -366,7 +366,7 @@ class SimulatedRobot:
 
 
 def _rounded(seen: Array, step: Array) -> Array:
-    """What is seen, rounded to steps where there are any."""
+    """Frames rounded to steps, where there are any."""
     return np.where(step > 0, np.round(seen / np.where(step > 0, step, 1.0)) * step, seen)
 
 

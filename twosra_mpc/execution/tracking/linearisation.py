@@ -106,7 +106,7 @@ def _within_one(row: ca.SX, most: float) -> bool:
 
 
 class Period(NamedTuple):
-    """One period of a motion.
+    """Period of a motion.
 
     Attributes:
         half_way: Configuration in its middle, (3 + n,).
@@ -258,7 +258,7 @@ def tracking_program(setup: Setup) -> TrackingProgram:
 
 
 def _norm(setup: Setup) -> float:
-    """What the cost is divided by, so that its Hessian is of the order of one."""
+    """Divisor of the cost with which its Hessian is of the order of one."""
     return 0.5 + setup.rho
 
 
@@ -295,7 +295,7 @@ def _constraints(
 
 
 def _row_units(setup: Setup, stage: Stage) -> Array:
-    """What speeds are multiplied by, so that a weighted step changes each by about one.
+    """Factors of the speeds with which a weighted step changes each by about one.
 
     Keeps the program equally well conditioned for every robot and weight, (rows of g,).
     """

@@ -106,7 +106,7 @@ class Outputs:
 
     @property
     def heading(self) -> int:
-        """Which output is phi."""
+        """Position of phi among the outputs."""
         return len(self.pose) - 1
 
 

@@ -1,4 +1,4 @@
-"""One mode's quadratic program in OSQP: set up once, then only numbers change."""
+"""Quadratic program of a mode in OSQP: set up once, then only numbers change."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 import osqp  # type: ignore[import-untyped]  # it has no stubs
 from scipy import sparse
 
-from twosra_mpc.execution.tracking.linearisation import TrackingProgram
-from twosra_mpc.execution.tracking.setup import SolverSettings
+from twosra_mpc.execution.tracking.linearisation import TrackingProgram, tracking_program
+from twosra_mpc.execution.tracking.setup import Setup, SolverSettings
 from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 
@@ -88,11 +88,12 @@ class ProgramInPlace:
         wheels: Last wheel command, (4,) [rad/s].
         v: Input found, [v1, v2, u0, v0, r0], (5,).
         command: Wheel speeds found, (4,) [rad/s].
+        iterations: ADMM iterations of the last step; 0 before the first.
     """
 
     def __init__(self, program: TrackingProgram, settings: SolverSettings) -> None:
         setup = program.setup
-        self.program = program
+        self.program, self._settings = program, settings
         self.measured = np.zeros(setup.coordinates.size)
         self.reference = np.zeros((setup.horizon + 1, setup.outputs.count))
         self.v, self.wheels, self.command = np.zeros(INPUTS), np.zeros(WHEELS), np.zeros(WHEELS)
@@ -103,7 +104,7 @@ class ProgramInPlace:
         self._y = np.zeros(program.constraints.shape[0])
         self._values = np.zeros(program.constraints.nnz)
         self._lower, self._upper = np.zeros_like(self._y), np.zeros_like(self._y)
-        self._iterations = 0
+        self.iterations = 0
         arguments = [self.measured, self.reference, self._x, self.wheels]
         changing = self._cost[: setup.outputs.count]
         numbers = [self._values, self._lower, self._upper, changing, self._expected]
@@ -144,21 +145,22 @@ class ProgramInPlace:
         if self.program.setup.outputs.bending:
             self._y[-1] = -self._cost[-1]  # the multiplier of a slack that is zero
 
-    @property
-    def solution(self) -> tuple[Array, Array]:
-        """Warm start of the next program: primal and dual variables of the last."""
-        return self._x.copy(), self._y.copy()
+    def __reduce__(self) -> tuple[object, ...]:
+        """State without what is compiled: its setup, and the solution to go on from."""
+        return ProgramInPlace._resumed, (self.program.setup, self._settings, self._x, self._y)
 
-    def start_from(self, solution: tuple[Array, Array]) -> None:
-        """Warm-start the next program from a solution of another process."""
-        self._x[:], self._y[:] = solution
+    @classmethod
+    def _resumed(cls, setup: Setup, settings: SolverSettings, x: Array, y: Array) -> ProgramInPlace:
+        made = cls(tracking_program(setup), settings)
+        made._x[:], made._y[:] = x, y
+        return made
 
     def solve(self) -> Quality:
         """Linearise, solve, and find ``v`` and ``command``; these mean nothing if unusable.
 
         A solution far from where its limits were linearised, as after a push, is the next point.
         """
-        self._iterations = 0
+        self.iterations = 0
         quality = self._solve_linearised()
         outputs = slice(self.program.setup.outputs.count * self.program.setup.horizon)
         for _ in range(MOST_PROGRAMS - 1):
@@ -184,7 +186,7 @@ class ProgramInPlace:
         solver.warm_start(self._guess, self._y)
         solver.solve()
         info = solver.info
-        self._iterations += int(info.iter)
+        self.iterations += int(info.iter)
         self._x[:] = solver.solution.x
         self._first_command.evaluate()
         if info.status == SOLVED:
@@ -219,7 +221,7 @@ class ProgramInPlace:
             upper=self._upper.copy(),
             x=np.array(self._solver.solution.x),
             y=np.array(self._solver.solution.y),
-            iterations=self._iterations,
+            iterations=self.iterations,
         )
 
     def _constraints(self) -> sparse.csc_matrix:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,7 +67,7 @@ class Measurement(ArrayValue):
 
 @dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Command(ArrayValue):
-    """What to send to the robot until the next step; arrays are read-only.
+    """Command to the robot until the next step; arrays are read-only.
 
     Attributes:
         wheel_rad_s: Wheel speeds, (4,).
@@ -162,7 +161,6 @@ class Tracker:
         self._programs: dict[Mode, ProgramInPlace] = {}
         self._phases: list[tuple[ProgramInPlace, PhaseReference]] | None = None
         self._phase: int | None = None
-        self._plan: Plan | None = None
         self._solved_last: ProgramInPlace | None = None
         off = _read_only(np.full(robot.coordinates.segments, robot.heater.rigid_setpoint_C))
         self.last_command = Command(
@@ -187,24 +185,9 @@ class Tracker:
             selection = program.program.setup.outputs.selection
             path = PhaseReference(plan.trajectory, phase, selection, self.horizon, self.period_s)
             phases.append((program, path))
-        self._phases, self._phase, self._plan = phases, None, plan
+        self._phases, self._phase = phases, None
         self._times = samples.t_s.tolist()
         self._heaters: list[Array] = list(samples.heater_setpoint_C)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """State without what is compiled: settings, the plan, and solutions to start from."""
-        solutions = {mode: program.solution for mode, program in self._programs.items()}
-        compiled: dict[str, Any] = {"_programs": {}, "_phases": None, "_solved_last": None}
-        return {**self.__dict__, **compiled, "solutions": solutions}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        solutions, phase = state.pop("solutions"), state["_phase"]
-        self.__dict__.update(state)
-        if self._plan is not None:
-            self.reset(self._plan)
-        for mode, solution in solutions.items():
-            self._program(mode).start_from(solution)
-        self._phase = phase
 
     def step(self, measurement: Measurement) -> Command:
         """Find what to send to the robot for the coming period.
@@ -259,7 +242,8 @@ class Tracker:
 
         Its ``residuals()`` tell how well it was solved.
         """
-        return self._solved_last.quadratic_program() if self._solved_last else None
+        last = self._solved_last
+        return last.quadratic_program() if last is not None and last.iterations else None
 
     def _program(self, mode: Mode) -> ProgramInPlace:
         if mode not in self._programs:

@@ -142,7 +142,7 @@ class ReportedSegment:
 
     @property
     def temperature_C(self) -> float:
-        """Of the segment, by the median of the last reports."""
+        """Temperature of the segment, by the median of the last reports."""
         return self._controller.segment_C(statistics.median(self._recent_C))
 
     @property

@@ -22,7 +22,7 @@ from twosra_mpc.errors import InputError, NoPlanError, RobotError, TwosraError
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Controller
 from twosra_mpc.execution.executor import plan_controller, run_controller
-from twosra_mpc.execution.run import Ending, Executed, Run, RunRecord, Verdict
+from twosra_mpc.execution.run import Ending, Run, RunRecord
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.files import write_json
 from twosra_mpc.interrupts import deferred_interrupts
@@ -55,9 +55,6 @@ class StreamError(TwosraError):
     def __init__(self, time_s: float, during: str, reason: str) -> None:
         self.time_s, self.during, self.reason = time_s, during, reason
         super().__init__(f"stopped after {time_s:z.1f} s, {during}: {reason}")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return (type(self), (self.time_s, self.during, self.reason))
 
 
 class StreamState(NamedTuple):
@@ -121,8 +118,7 @@ def stream(
         allowed = "required: a robot that is followed by a camera begins its phases by reports"
         raise InputError("confirm", str(confirm), allowed)
     chosen = rate_Hz, confirm, poses, patience or Patience()
-    executed: Executed = "stream" if poses is None else "optimal"
-    file = None if log is None else RunFile(log, plan, executed)
+    file = None if log is None else RunFile(log)
     return _Stream(plan, clock, on_state, file).run(port, *chosen)
 
 
@@ -320,15 +316,9 @@ class RunFile:
     It is replaced when the robot stands and the last one is `SAVED_EVERY_S` old, and at the end.
     """
 
-    def __init__(self, path: Path, plan: Plan, executed: Executed) -> None:
-        """Nothing is written yet.
-
-        Args:
-            path: The file.
-            plan: What is carried out.
-            executed: By what.
-        """
-        self.path, self._plan, self._executed = path, plan, executed
+    def __init__(self, path: Path) -> None:
+        """Nothing is written yet to this file."""
+        self.path = path
         self._record: RunRecord | None = None
         self._due_s = time.monotonic() + SAVED_EVERY_S
 
@@ -343,8 +333,8 @@ class RunFile:
     def end(self, reason: str) -> None:
         """Write down a run that ended so, if it has begun."""
         if self._record is not None:
-            verdict = Verdict(self._executed, Ending.LOGGED, reason, (self._plan,))
-            self.save(self._record.run(verdict))
+            policy = self._record.controller.policy
+            self.save(self._record.run(policy.verdict(Ending.LOGGED, reason)))
 
     def save(self, run: Run) -> None:
         """Write a run that has come to its own end."""
