@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import Locator, LogLocator, NullFormatter, SymmetricalLogLocator
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.keys import key_of, unit_of
 from twosra_mpc.lab.batch.atlas import Worth, atlas, counted, has_greedy, numeric_keys, plans
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.coordinates import Array
@@ -30,7 +31,6 @@ SEQUENCE_COLOURS = (  # told apart also without red or green
 _BLUE, _LEAST_GAP = figures.RIGID_COLOUR, 1e-4  # gaps in %
 _TICKS = (1.0, 2.0, 5.0)  # of a decade
 OTHER_COLOUR, NO_PLAN_COLOUR = "#9e9e9e", "#eeeeee"
-_UNIT = {"_per_m": "1/m", "_rad": "rad", "_m": "m", "_s": "s", "_A": "A", "_C": "C", "_J": "J"}
 
 
 def plot_atlas(
@@ -220,5 +220,5 @@ def _ranks(runs: DataFrame) -> dict[str, int]:
 def _label(key: str) -> str:
     """A key with its unit."""
     name = counted(key)
-    unit = next((unit for end, unit in _UNIT.items() if name.split()[0].endswith(end)), None)
+    unit = unit_of(key_of(name.split()[0]))
     return f"{name} [{unit}]" if unit else name

@@ -15,15 +15,11 @@ from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.photographs.study import Estimate, load_cycles, mean_of_cycles
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
 from twosra_mpc.plotting import figures, plane
+from twosra_mpc.plotting.timeline_figures import COORDINATES
 from twosra_mpc.robot.coordinates import Array
 
 _MEASURED, _SIMULATED = "-", "--"
 _NAMES = ("x", "y", "φ", "κ₁", "κ₂")
-_PANELS = (  # columns of q, what they are
-    (slice(0, 2), "position [m]"),
-    (slice(2, 3), "heading [rad]"),
-    (slice(3, 5), "curvature [1/m]"),
-)
 
 
 def plot_trials(
@@ -62,7 +58,7 @@ def plot_trials(
 
 def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None:
     rows = np.arange(max(len(log.q), len(simulation)))
-    for ax, (columns, label) in zip(axes, _PANELS, strict=False):
+    for ax, (columns, _, label) in zip(axes, COORDINATES.values(), strict=False):
         for q, dashes in ((log.q, _MEASURED), (simulation, _SIMULATED)):
             held = q[np.minimum(rows, len(q) - 1)][:, columns]
             shown = slice(0, len(q)) if q is log.q else slice(None)

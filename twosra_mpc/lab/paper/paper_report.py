@@ -141,9 +141,7 @@ def _made(folder: Path) -> Path:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        allowed = (
-            f"a folder, or a name in a folder that exists and can be written ({error.strerror})"
-        )
+        allowed = f"a folder, or a name in one that can be written ({error.strerror})"
         raise InputError("output", str(folder), allowed) from error
     return folder
 
