@@ -118,8 +118,6 @@ class HeatingLog(ReadOnlyArrays):
         if len(wrong):
             before, value = self.time_s[wrong[0] : wrong[0] + 2].tolist()
             allowed = f"later than the row before it ({before:zg} s), {LONGEST_GAP_S:zg} s at most"
-                f"later than the row before it ({before:zg} s), by at most {LONGEST_GAP_S:zg} s"
-            )
             raise self._refuse(f"time_s, row {wrong[0] + 2}", value, allowed)
 
     def _check_course(self) -> None:
