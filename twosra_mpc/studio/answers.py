@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import player
 from twosra_mpc.report.page import drawn
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Robot, load_robot, with_path_model
+from twosra_mpc.robot.description import load_robot, with_path_model
 from twosra_mpc.robot.modes import sequence_name
 from twosra_mpc.validation import Count, Metres, Numbers, Value
 
@@ -75,12 +75,9 @@ class Ask(Value):
 def document(problem: Problem) -> Record:
     """The problem as a scenario document; a robot that is not built in is written out."""
     robot = problem.robot
-    whole = robot.name if _is_built_in(robot) else robot.model_dump(mode="json")
+    built_in = robot.name in built_in_names("robots") and load_robot(robot.name) == robot
+    whole = robot.name if built_in else robot.model_dump(mode="json")
     return {**problem.scenario(), "robot": whole}
-
-
-def _is_built_in(robot: Robot) -> bool:
-    return robot.name in built_in_names("robots") and load_robot(robot.name) == robot
 
 
 def asked_problem(ask: Ask) -> Problem:
@@ -195,9 +192,8 @@ def told(result: Result, *, complete: bool) -> Record:
     if made is None or not found:
         return record
     longest = max(critical_path(made), key=lambda item: item.duration_s, default=None)
-    why = (
-        next(iter(reasons(made)), "") if not (made.problem.tasks or made.problem.obstacles) else ""
-    )
+    told_why = not (made.problem.tasks or made.problem.obstacles)
+    why = next(reasons(made), "") if told_why else ""
     if longest is not None and (not why or longest.kind in ("melt", "freeze")):
         share = longest.duration_s / made.duration_s
         why = f"{why}; " if why and not why.startswith("the robot") else ""
@@ -271,30 +267,23 @@ def _handles(q: Array, shape: RobotShape) -> dict[str, list[float]]:
     return {name: [1e3 * float(at[0]), -1e3 * float(at[1])] for name, at in places.items()}
 
 
-class Ghost(NamedTuple):
-    """The greedy rule's plan beside another."""
-
-    plan: Plan | None
-    message: str
-
-
-def _greedy(problem: Problem) -> Ghost | None:
+def _greedy(problem: Problem) -> Result | None:
     """The greedy rule's plan; None where it knows no such problem."""
     if problem.tasks or problem.obstacles or problem.objects or problem.planner == "greedy":
         return None
-    result = plan(problem.with_values(planner="greedy"))
-    return Ghost(result.plan if result.found else None, result.message)
+    return plan(problem.with_values(planner="greedy"))
 
 
-def _film(made: Plan, ghost: Ghost | None, box_mm: list[float]) -> Record:
+def _film(made: Plan, ghost: Result | None, box_mm: list[float]) -> Record:
     """The plan, played; the plane as the page has it."""
     left, top, wide, high = box_mm
     motion = player.motion_of(made, (left, top, wide, high))
     data: Record = motion["data"]
     record: Record = {"kind": "film"}
-    if ghost is not None and ghost.plan is not None:
-        data["film"]["ghost"] = player.ghost_of(ghost.plan, data["film"]["time_s"])
-        record["greedy_s"] = ghost.plan.duration_s
+    if ghost is not None and ghost.found:
+        other = ghost.require()
+        data["film"]["ghost"] = player.ghost_of(other, data["film"]["time_s"])
+        record["greedy_s"] = other.duration_s
     elif ghost is not None:
         record["greedy"] = ghost.message
     parts = ("plane.html", "readings.html", "timeline.html")

@@ -116,18 +116,10 @@ class Server:
         from starlette.applications import Starlette
         from starlette.routing import Route
 
-        post = {
-            "/alive": self._alive,
-            "/plan": self._plan,
-            "/map": self._map,
-            "/run": self._run,
-            "/push": self._push,
-            "/save": self._save,
-            "/open": self._open,
-        }
         routes = [Route("/", self._page)]
-        for path, answer in post.items():
-            routes.append(Route(path, self._guarded(answer), methods=["POST"]))
+        for name in ("alive", "plan", "map", "run", "push", "save", "open"):
+            answer = self._guarded(getattr(self, f"_{name}"))
+            routes.append(Route(f"/{name}", answer, methods=["POST"]))
         return Starlette(routes=routes)
 
     # Who may ask.
@@ -227,7 +219,7 @@ class Server:
             finally:
                 del self._runs[number]
 
-        return self._stream(frames, _due_s)
+        return self._stream(frames)
 
     async def _push(self, given: Record) -> Response:
         from starlette.responses import JSONResponse
@@ -256,10 +248,11 @@ class Server:
         done = await asyncio.get_running_loop().run_in_executor(self._worker, work)
         return JSONResponse(plain_data(done))
 
-    def _stream(
-        self, work: Work, due_s: Callable[[Record], float] = lambda record: 0.0
-    ) -> Response:
-        """Records, a line of JSON each, as they are made; work ends where nobody reads on."""
+    def _stream(self, work: Work) -> Response:
+        """Records, a line of JSON each, as they are made; work ends where nobody reads on.
+
+        One that is early is held back.
+        """
         from starlette.responses import StreamingResponse
 
         async def lines() -> AsyncIterator[bytes]:
@@ -273,9 +266,7 @@ class Server:
                         return
                     if record["kind"] not in _NO_ANSWER:
                         self._unanswered.discard(over)
-                    late_s = due_s(record)
-                    if late_s > 0:
-                        await asyncio.sleep(late_s)
+                    await asyncio.sleep(record.get("early_s", 0.0))
                     yield json.dumps(plain_data(record), allow_nan=False).encode() + b"\n"
             finally:
                 over.set()
@@ -323,11 +314,6 @@ def _paced(steps: Iterator[Record], speed: float) -> Iterator[Record]:
             shown_s = now_s
             yield {**frame, "events": events, "plan": plan, "early_s": max(0.0, early_s)}
             events, plan = [], None
-
-
-def _due_s(record: Record) -> float:
-    early_s: float = record.get("early_s", 0.0)
-    return early_s
 
 
 @public

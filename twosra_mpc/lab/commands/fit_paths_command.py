@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -23,7 +22,6 @@ from twosra_mpc.lab.identification.path_fitting import (
     fitted_path_tables,
 )
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.robot import paths
 from twosra_mpc.robot.description import Robot, load_robot, robot_document
 
 _FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
@@ -52,9 +50,7 @@ def fit_paths_command(
         if out is not None:
             write_fitted_robot(robot, out, described, model)
         if plot is not None:
-            from twosra_mpc.lab.figures.path_figure import (
-                plot_paths,  # importing matplotlib is slow
-            )
+            from twosra_mpc.lab.figures.path_figure import plot_paths  # matplotlib is slow
 
             plot_paths(described, plot)
     spirals, cardioids = fit_spirals(described.geometry), fit_cardioids(described.geometry)
@@ -65,38 +61,31 @@ def fit_paths_command(
         "spirals": spirals,
         "cardioids": cardioids,
     }
-    given_spirals, given_cardioids = _parameters_in_words(described.path)
+    rows = zip(CASES, spirals, _given(described, "scale", "growth"), strict=True)
     spiral_rows = [
-        (case, f"{fit.scale:z.4f}, {fit.growth:z.4f}", given, f"{fit.rms_l:z.4f}, {fit.max_l:z.4f}")
-        for case, fit, given in zip(CASES, spirals, given_spirals, strict=True)
+        (case, f"{fit.scale:z.4f}, {fit.growth:z.4f}", own, f"{fit.rms_l:z.4f}, {fit.max_l:z.4f}")
+        for case, fit, own in rows
     ]
     cardioid_rows = []
-    for case, fit, given in zip(CASES, cardioids, given_cardioids, strict=True):
-        residual = f"{1e3 * fit.rms_m:z.3f}, {1e3 * fit.max_m:z.3f}"
-        cardioid_rows.append(
-            (case, f"{fit.radius_m:z.4f}, {fit.phi_per_alpha:z.4f}", given, residual)
-        )
+    own_cardioids = _given(described, "radius_m", "phi_per_alpha")
+    for case, fit, own in zip(CASES, cardioids, own_cardioids, strict=True):
+        found = f"{fit.radius_m:z.4f}, {fit.phi_per_alpha:z.4f}"
+        cardioid_rows.append((case, found, own, f"{1e3 * fit.rms_m:z.3f}, {1e3 * fit.max_m:z.3f}"))
 
     def tables() -> None:
-        own = f"in {described.name}"
-        header = ("spiral", "fitted a / l, b", own, "residual / l: rms, largest")
+        of = f"in {described.name}"
+        header = ("spiral", "fitted a / l, b", of, "residual / l: rms, largest")
         print_table(header, spiral_rows)
-        header = ("cardioid", "fitted a [m], dphi/dalpha", own, "residual [mm]: rms, max")
+        header = ("cardioid", "fitted a [m], dphi/dalpha", of, "residual [mm]: rms, max")
         print_table(header, cardioid_rows)
 
     output.report(lambda: document, tables)
 
 
-def _parameters_in_words(path: paths.Path) -> tuple[list[str], list[str]]:
-    """Return the two parameters of each spiral and of each cardioid; "-" where it has none."""
-    spirals: Iterable[tuple[float, float]] = ()
-    cardioids: Iterable[tuple[float, float]] = ()
-    if isinstance(path, paths.LogSpiralPath):
-        spirals = zip(path.scale, path.growth, strict=True)
-    elif isinstance(path, paths.CardioidPath):
-        cardioids = zip(path.radius_m, path.phi_per_alpha, strict=True)
-    told = [[f"{a:z.4f}, {b:z.4f}" for a, b in pairs] for pairs in (spirals, cardioids)]
-    return told[0] or ["-"] * len(CASES), told[1] or ["-"] * len(CASES)
+def _given(robot: Robot, *names: str) -> list[str]:
+    """Two parameters of the robot's own path in each case; "-" where its model has none."""
+    pairs = zip(*(getattr(robot.path, name, ()) for name in names), strict=True)
+    return [f"{a:z.4f}, {b:z.4f}" for a, b in pairs] or ["-"] * len(CASES)
 
 
 def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:

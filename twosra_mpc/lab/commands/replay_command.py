@@ -58,14 +58,11 @@ def replay_command(
     recorded = read_motion_log(log, described, wheel_rad_s=speeds, mode=driven)
     phases = replay(recorded, described)
     if plot is not None:
-        from twosra_mpc.lab.figures.log_figures import (
-            plot_replay,  # matplotlib takes a second
-        )
+        from twosra_mpc.lab.figures.log_figures import plot_replay  # matplotlib is slow
 
         plot_replay(recorded, described, phases, plot)
-    output.report(
-        lambda: _document(recorded, described, phases), lambda: _print(recorded, described, phases)
-    )
+    found = recorded, described, phases
+    output.report(lambda: _document(*found), lambda: _print(*found))
 
 
 def _numbers(field: str, text: str, allowed: str) -> list[float]:

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import Locator, LogLocator, NullFormatter, SymmetricalLogLocator
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.keys import key_of, unit_of
 from twosra_mpc.lab.batch.atlas import Worth, atlas, counted, has_greedy, numeric_keys, plans
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.coordinates import Array
@@ -30,7 +31,6 @@ SEQUENCE_COLOURS = (  # told apart also without red or green
 _BLUE, _LEAST_GAP = figures.RIGID_COLOUR, 1e-4  # gaps in %
 _TICKS = (1.0, 2.0, 5.0)  # of a decade
 OTHER_COLOUR, NO_PLAN_COLOUR = "#9e9e9e", "#eeeeee"
-_UNIT = {"_per_m": "1/m", "_rad": "rad", "_m": "m", "_s": "s", "_A": "A", "_C": "C", "_J": "J"}
 
 
 def plot_atlas(
@@ -101,17 +101,18 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> None:
         ax.scatter(coded[x], coded["duration_s"], c=coded["code"], s=14, **style)
         ax.set(xlabel=_label(x), ylabel="duration [s]")
     else:
-        _draw_places(
-            ax, coded, x, y, "code", lambda at: float(np.bincount(at.astype(int)).argmax()), style
-        )
+        _draw_places(ax, coded, x, y, "code", _most_frequent, style)
     keys = {name or "no plan": colours(rank) for name, rank in ranks.items() if rank <= _TOLD_APART}
     if max(ranks.values()) > _TOLD_APART:
         keys["others"] = colours(_TOLD_APART + 1)
     handles = [Patch(fc=colour, ec="0.6", lw=0.5) for colour in keys.values()]
-    ax.legend(
-        handles, list(keys), fontsize=6.5, loc="upper left", bbox_to_anchor=(0, -0.16), ncols=2
-    )
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0, -0.16), "ncols": 2}
+    ax.legend(handles, list(keys), fontsize=6.5, **place)
     ax.set_title("mode sequence of the plan")
+
+
+def _most_frequent(codes: Array) -> float:
+    return float(np.bincount(codes.astype(int)).argmax())
 
 
 def draw_quantity(
@@ -169,9 +170,8 @@ def draw_gaps(ax: Axes, runs: DataFrame) -> None:
     title = "proved gap at full speed"
     if gaps.size:
         gaps = np.maximum(gaps, _LEAST_GAP)
-        ax.hist(
-            gaps, bins=np.geomspace(gaps.min() / 1.5, gaps.max() * 1.5, 31).tolist(), color=_BLUE
-        )
+        edges = np.geomspace(gaps.min() / 1.5, gaps.max() * 1.5, 31).tolist()
+        ax.hist(gaps, bins=edges, color=_BLUE)
         middle = float(np.median(gaps))
         ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2)
         title = f"proved gap at full speed, median {middle:z.2g} %"
@@ -220,5 +220,5 @@ def _ranks(runs: DataFrame) -> dict[str, int]:
 def _label(key: str) -> str:
     """A key with its unit."""
     name = counted(key)
-    unit = next((unit for end, unit in _UNIT.items() if name.split()[0].endswith(end)), None)
+    unit = unit_of(key_of(name.split()[0]))
     return f"{name} [{unit}]" if unit else name

@@ -16,7 +16,7 @@ from twosra_mpc.lab.identification.heating_log import EvenLog, runs
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import PhaseReplay
 from twosra_mpc.lab.identification.thermal_fit import ThermalFit
-from twosra_mpc.plotting import figures, plane
+from twosra_mpc.plotting import figures, plane, timeline_figures
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import mode_name
@@ -82,23 +82,18 @@ def _draw_phases(ax: Axes, log: EvenLog, values: Array, name: str) -> None:
 
 
 def _draw_nodes(ax: Axes, fit: ThermalFit) -> None:
-    log, solid, liquid = fit.log, fit.segment.solid_below_C, fit.segment.liquid_above_C
-    core = fit.response.core_C
-    label = f"changing, {solid:z.3g} to {liquid:z.3g} °C"
-    ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.4, label=label)
-    ax.plot(
-        log.time_s, core, c="#222222", **figures.curve(0), label="core (in holds from the sensor)"
-    )
+    log, core = fit.log, fit.response.core_C
+    timeline_figures.mark_melting(ax, fit.segment.thresholds_C)
+    look: dict[str, Any] = {"label": "core (in holds from the sensor)", **figures.curve(0)}
+    ax.plot(log.time_s, core, c="#222222", **look)
     ax.plot(log.time_s, fit.response.body_C, c=BODY_COLOUR, label="body", **figures.curve(1))
     ax.set(ymargin=0.1, ylabel="model\n[°C]")
     ax.legend(**figures.BESIDE)
 
 
 def _draw_duty(ax: Axes, fit: ThermalFit) -> None:
-    duty, time = fit.response.duty, fit.log.time_s
-    ax.fill_between(
-        time[:-1], duty, step="post", fc=figures.HEATER_COLOUR, lw=0, label="heater law"
-    )
+    look: dict[str, Any] = {"fc": figures.HEATER_COLOUR, "lw": 0, "label": "heater law"}
+    ax.fill_between(fit.log.time_s[:-1], fit.response.duty, step="post", **look)
     ax.set(ylim=(0.0, 1.08), ylabel="share of\nfull power")
     ax.legend(**figures.BESIDE)
 
@@ -136,14 +131,10 @@ def plot_replay(
         for axes, phase in zip(grid, phases, strict=True):
             _draw_ends(axes[0], robot, phase)
             _draw_in_time(axes[1:], phase)
-        colours = [f"segment {j + 1}" for j in range(robot.coordinates.segments)]
-        entries: dict[str, Any] = {
-            name: plane.line("0.2", 1.6, dashes) for name, dashes in _LOOKS.items()
-        }
+        entries = {name: plane.line("0.2", 1.6, dashes) for name, dashes in _LOOKS.items()}
         entries |= {"x, heading": plane.line(_X), "y": plane.line(_Y)}
-        entries |= {
-            name: plane.line(figures.SEGMENT_COLOURS[j], 4) for j, name in enumerate(colours)
-        }
+        for j, colour in enumerate(figures.SEGMENT_COLOURS[: robot.coordinates.segments]):
+            entries[f"segment {j + 1}"] = plane.line(colour, 4)
         plane.legend_below(figure, entries, ncols=len(entries))
     return figure
 

@@ -36,14 +36,9 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, mode_name
 
-TASK_COLOURS = {
-    "paper-1": "#222222",
-    "paper-2": "#12997c",
-    "paper-3": "#e07b00",
-    "paper-4": "#7b5ea7",
-    "paper-5": "#2a6fbb",
-}
 SIMULATION_OF_TASK = {simulation.task: simulation for simulation in SIMULATIONS.values()}
+_COLOURS = ("#222222", "#12997c", "#e07b00", "#7b5ea7", "#2a6fbb")
+TASK_COLOURS = dict(zip(SIMULATION_OF_TASK, _COLOURS, strict=True))
 STEPS = 60  # of forward kinematics
 START = (0.30, 0.2, 0.2, 10.0, -10.0)  # of forward kinematics
 LEAST_SHARE = 1e-4  # of the distance at the start; less is not drawn

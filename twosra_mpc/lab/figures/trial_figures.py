@@ -15,15 +15,11 @@ from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.photographs.study import Estimate, load_cycles, mean_of_cycles
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory
 from twosra_mpc.plotting import figures, plane
+from twosra_mpc.plotting.timeline_figures import COORDINATES
 from twosra_mpc.robot.coordinates import Array
 
 _MEASURED, _SIMULATED = "-", "--"
 _NAMES = ("x", "y", "φ", "κ₁", "κ₂")
-_PANELS = (  # columns of q, what they are
-    (slice(0, 2), "position [m]"),
-    (slice(2, 3), "heading [rad]"),
-    (slice(3, 5), "curvature [1/m]"),
-)
 
 
 def plot_trials(
@@ -62,7 +58,7 @@ def plot_trials(
 
 def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None:
     rows = np.arange(max(len(log.q), len(simulation)))
-    for ax, (columns, label) in zip(axes, _PANELS, strict=False):
+    for ax, (columns, _, label) in zip(axes, COORDINATES.values(), strict=False):
         for q, dashes in ((log.q, _MEASURED), (simulation, _SIMULATED)):
             held = q[np.minimum(rows, len(q) - 1)][:, columns]
             shown = slice(0, len(q)) if q is log.q else slice(None)
@@ -72,9 +68,8 @@ def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None
     left = np.linalg.norm(log.q - simulation[-1], axis=1)
     ax = axes[3]
     for phase in log.phases:
-        ax.axvspan(
-            *log.time_s[[phase.start, phase.stop - 1]], color=figures.SOFT_COLOUR, alpha=0.35
-        )
+        ends = log.time_s[[phase.start, phase.stop - 1]]
+        ax.axvspan(*ends, color=figures.SOFT_COLOUR, alpha=0.35)
     ax.plot(log.time_s, left / left[0], c="0.1", lw=1.6)
     ax.set(ylabel="|q - qₜ| / |q₀ - qₜ|", ylim=(0.0, None))
 
@@ -105,9 +100,7 @@ def plot_distances(
                 places = np.array(list(values)) + shift
                 ax.bar(places, [each[number] for each in values.values()], width * 0.82, **look)
         ax.set_xticks(list(published), [f"trial {number}" for number in published])
-        ax.set(
-            ylabel="distance (no unit)", title="outlined: published; filled: found from the logs"
-        )
+        ax.set(ylabel="distance (no unit)", title="outlined: published; filled: from the logs")
         ax.legend(loc="upper right", ncols=len(_NAMES))
     return figure
 

@@ -117,9 +117,7 @@ class HeatingLog(ReadOnlyArrays):
         wrong = np.flatnonzero((gaps <= 0) | (gaps > LONGEST_GAP_S))
         if len(wrong):
             before, value = self.time_s[wrong[0] : wrong[0] + 2].tolist()
-            allowed = (
-                f"later than the row before it ({before:zg} s), by {LONGEST_GAP_S:zg} s at most"
-            )
+            allowed = f"later than the row before it ({before:zg} s), {LONGEST_GAP_S:zg} s at most"
             raise self._refuse(f"time_s, row {wrong[0] + 2}", value, allowed)
 
     def _check_course(self) -> None:
@@ -127,9 +125,7 @@ class HeatingLog(ReadOnlyArrays):
         for word in ("heating", "cooling"):
             count = int(np.sum(self.mode == word))
             if count < LEAST_SAMPLES:
-                allowed = (
-                    f"at least {LEAST_SAMPLES} rows of {word} (heating and cooling are fitted)"
-                )
+                allowed = f"at least {LEAST_SAMPLES} rows of {word}: heating and cooling are fitted"
                 raise self._refuse("mode", f"{count} rows of {word}", allowed)
         if self.mode[0] == "hold":
             allowed = "heating or cooling: before a hold, the segment's warmth has to be known"
@@ -141,14 +137,10 @@ class HeatingLog(ReadOnlyArrays):
             raise self._refuse("ambient_C", self.ambient_C, "a finite number")
         coldest, hottest = float(self.despiked_C.min()), float(self.despiked_C.max())
         if coldest < self.ambient_C - COLDER_THAN_AIR_K:
-            allowed = (
-                f"at most the coldest reading ({coldest:zg} C); give it if the log starts warm"
-            )
+            allowed = f"at most the coldest reading, {coldest:zg} C; give it if the log starts warm"
             raise self._refuse("ambient_C", self.ambient_C, allowed)
         if hottest < self.ambient_C + LEAST_RISE_K:
-            allowed = (
-                f"readings that rise {LEAST_RISE_K:zg} K above the air ({self.ambient_C:zg} C)"
-            )
+            allowed = f"readings that rise {LEAST_RISE_K:zg} K above the air, {self.ambient_C:zg} C"
             raise self._refuse("temp_C", hottest, allowed)
 
 

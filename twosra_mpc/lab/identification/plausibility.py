@@ -96,9 +96,7 @@ def check_fit(
     check_bounds(parameters, found.values, source)
     for (name, each), value, error in zip(parameters.items(), *found[:2], strict=True):
         if each.positive and not error < value:
-            allowed = (
-                "less than the parameter: a longer log that starts cold, or more of its cycles"
-            )
+            allowed = "less than the parameter: a longer log that starts cold, or more cycles"
             raise InputError(f"standard error of {name}", float(f"{error:z.3g}"), allowed, source)
 
 
@@ -138,10 +136,8 @@ def doubts(
             own = f"outside {low:zg} to {high:zg}, the range of {robot.name}"
             found.append(f"{value} lies {own}: check the units of time and the labels")
     own_C = robot.heater.ambient_C
-    if abs(air_C - own_C) >= FAR_AIR_K:
-        told = (
-            f"The log's air, {air_C:z.4g} C, is {abs(air_C - own_C):z.0f} K from heater.ambient_C"
-        )
+    if (apart_K := abs(air_C - own_C)) >= FAR_AIR_K:
+        told = f"The log's air, {air_C:z.4g} C, is {apart_K:z.0f} K from heater.ambient_C"
         found.append(f"{told} ({own_C:zg} C) of {robot.name}: check the sensor, or give --ambient")
     return found
 

@@ -44,16 +44,15 @@ LOGS_DIFFER = 0.3
 
 _SIGNIFICANT = 5  # digits of what goes into a robot file
 
-_LAG = Bounded(3.0, 0.2, 30.0)
 _LAW = (Bounded(0.04, 1e-4, 2.0), Bounded(0.4, -5.0, 5.0, positive=False))
-_TWO_NODES = (
-    Bounded(1.4, 0.05, 50.0),
-    Bounded(0.018, 1e-4, 1.0),
-    Bounded(3.5, 0.05, 100.0),
-    Bounded(0.0035, 1e-5, 0.1),
-    _LAG,
-    *_LAW,
-)
+SEGMENT_PARAMETERS = {
+    "power_K_per_s": Bounded(1.4, 0.05, 50.0),
+    "coupling_per_s": Bounded(0.018, 1e-4, 1.0),
+    "body_ratio": Bounded(3.5, 0.05, 100.0),
+    "body_loss_per_s": Bounded(0.0035, 1e-5, 0.1),
+    "sensor_lag_s": Bounded(3.0, 0.2, 30.0),
+}
+_TWO_NODES = (*SEGMENT_PARAMETERS.values(), *_LAW)
 # Further fields of a ``TwoNode``: full current is 1 A, the air has 0 C, and the rest is not asked.
 UNIT = (1.0, 1.0, 0.0, 1.0, 0.0)
 
@@ -85,8 +84,7 @@ class Parameters(NamedTuple):
         return HeaterLaw(self.law_gain_per_K, self.law_duty_at_54C)
 
 
-SEGMENT_FIELDS = Parameters._fields[:5]
-SEGMENT_PARAMETERS = dict(zip(SEGMENT_FIELDS, _TWO_NODES, strict=False))
+SEGMENT_FIELDS = tuple(SEGMENT_PARAMETERS)
 
 
 class HeldOut(NamedTuple):
@@ -192,9 +190,8 @@ def identify(
     on_progress(1, 1 + len(cycles))
     response = family.respond(best.values, even)
     off = log_fit.residuals(even, response)
-    plausibility.check_fit(
-        dict(zip(Parameters._fields, _TWO_NODES, strict=True)), best, off, log.source
-    )
+    searched = dict(zip(Parameters._fields, _TWO_NODES, strict=True))
+    plausibility.check_fit(searched, best, off, log.source)
     held_out = []
     for number, cycle in enumerate(cycles, start=2):
         here = even.cycle == cycle
@@ -278,9 +275,8 @@ def two_nodes(sensor_gain: float) -> Family:
 
 def _separable_cycles(log: EvenLog) -> list[int]:
     """Cycles that can be left out: the others both heat and cool."""
-    heated, cooled = (
-        set(log.cycle[log.scored & flags].tolist()) for flags in (log.heating, ~log.heating)
-    )
+    heated = set(log.cycle[log.scored & log.heating].tolist())
+    cooled = set(log.cycle[log.scored & ~log.heating].tolist())
     return [k for k in sorted(heated | cooled) if heated - {k} and cooled - {k}]
 
 

@@ -148,9 +148,8 @@ class TransitionFit:
         """Source of the fit, for the robot file."""
         name, count = Path(self.source).name, len(self.predictions)
         median = 100 * self.quantile(0.5)
-        return (
-            f"{count} transitions of {name}: left out of the fit, off by {median:z.0f} % (median)"
-        )
+        left_out = f"left out of the fit, off by {median:z.0f} % (median)"
+        return f"{count} transitions of {name}: {left_out}"
 
     def quantile(self, share: float) -> float:
         """Relative error that this share of the transitions keeps, each left out of the fit."""
@@ -183,9 +182,8 @@ def read_transitions(
     table = read_csv(path, ("transition", "kind", *targets, "duration_s"))
     told = table.numbers("transition", "duration_s", *targets).tolist()
     found = []
-    for i, (kind, (number, duration_s, *soft)) in enumerate(
-        zip(table.texts("kind"), told, strict=True), 1
-    ):
+    rows_of = zip(table.texts("kind"), told, strict=True)
+    for i, (kind, (number, duration_s, *soft)) in enumerate(rows_of, start=1):
         index, here = int(number), rows[rows[:, 0].astype(int) == int(number), 1:]
         if not len(here):
             allowed = f"a transition that {other} has readings of"
@@ -381,13 +379,9 @@ class _Course:
     def freeze_s(self, state: Array, begin_C: float) -> float:
         """Time until a segment reads solid, without heat; core and lags moved to this reading."""
         moved = begin_C - self._air_C - state[3]
-        core, first, second = (
-            state[0] + moved / self._sensor.gain,
-            state[2] + moved,
-            state[3] + moved,
-        )
+        core = state[0] + moved / self._sensor.gain
         states = driven(self._plant, (core, state[1]), np.zeros(round(_LONGEST_FREEZE_S / _STEP_S)))
-        reading = self._sensor.follow(states[:, 0], np.array([first, second]))[:, 1]
+        reading = self._sensor.follow(states[:, 0], state[2:] + moved)[:, 1]
         return _until(self._sensor.gain * self._solid_K - reading)
 
     def _heated(self, begin_C: float, duration_s: float) -> Array:
@@ -433,10 +427,7 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
         ]
         if np.median(rises) < plausibility.LEAST_CHANGE_K or not all(told):
             value = f"{kind}: {np.median(rises):+z.3g} K in the right direction (median)"
-            allowed = (
-                "readings that rise in melts and fall in freezes, targets 1 (soft) and 0 (rigid):"
-                " are labels swapped?"
-            )
+            allowed = "rising readings in melts, falling ones in freezes: are labels swapped?"
             raise InputError("kind", value, allowed, source)
         if kind == "melt":
             rates = [rise / each.duration_s for rise, each in zip(rises, of_kind, strict=True)]

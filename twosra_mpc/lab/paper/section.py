@@ -134,9 +134,8 @@ def every(words: str, share: float | None) -> Reading:
 
     It holds with a caveat where it is so in four cases of five.
     """
-    return Reading(
-        words, 100.0, None if share is None else 100.0 * share, "%", 0.0, 20.0, "at least"
-    )
+    percent = None if share is None else 100.0 * share
+    return Reading(words, 100.0, percent, "%", 0.0, 20.0, "at least")
 
 
 Tell = Callable[[str], None]

@@ -202,9 +202,7 @@ def checked_configuration(name: str, values: ArrayLike) -> Vector:
     if not np.all(np.isfinite(array)):
         raise InputError(name, given, "finite numbers")
     if np.max(np.abs(array[3:])) > CURVATURE_RANGE:
-        allowed = (
-            f"curvatures within +-2 pi / l = +-{CURVATURE_RANGE:z.1f} 1/m, where spirals exist"
-        )
+        allowed = f"curvatures within +-2 pi / l = +-{CURVATURE_RANGE:z.1f} 1/m, as of spirals"
         raise InputError(name, given, allowed)
     return given
 
