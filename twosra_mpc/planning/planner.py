@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -111,7 +111,7 @@ def plan_until_interrupted(
     problem: Problem,
     *,
     on_progress: Callable[[Progress], None] | None = None,
-    excluded: frozenset[ModeSequence] = frozenset(),
+    excluded: Container[ModeSequence] = (),
     than_s: float = math.inf,
     worth_s: float = 0.0,
 ) -> Result:
@@ -128,6 +128,24 @@ def plan_until_interrupted(
     Raises:
         InputError: As ``plan`` does.
     """
+    with limited(problem.work_limit, problem.time_limit_s):
+        if problem.risk != "nominal" and not excluded:
+            from twosra_mpc.planning.policy import RELYING, plan_policy  # no one else waits for it
+
+            if than_s == math.inf:
+                return plan_policy(problem, on_progress)
+            excluded = RELYING  # what is known to be best counts on nothing more
+        return searched(problem, on_progress, excluded, than_s, worth_s)
+
+
+def searched(
+    problem: Problem,
+    on_progress: Callable[[Progress], None] | None = None,
+    excluded: Container[ModeSequence] = (),
+    than_s: float = math.inf,
+    worth_s: float = 0.0,
+) -> Result:
+    """Plan as `plan_until_interrupted` does, as if joint bends were certain."""
     started = time.perf_counter()
     with limited(problem.work_limit, problem.time_limit_s):
         try:
@@ -169,7 +187,7 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
 
 def _search(
     problem: Problem,
-    excluded: frozenset[ModeSequence],
+    excluded: Container[ModeSequence],
     on_progress: Callable[[Progress], None] | None,
     than_s: float,
     worth_s: float,
