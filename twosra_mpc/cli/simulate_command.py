@@ -44,7 +44,7 @@ _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 @click.option("--runs", type=click.IntRange(1), default=1, help="Run as many robots, and sum up.")
 @click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
 @options.scenario_options(
-    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact"
+    "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "risk", "exact"
 )
 @options.file_option("--out", "Write the (first) run as JSON.")
 @options.plot_option("Draw it")

@@ -39,7 +39,7 @@ from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Problem, Risk
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
 from twosra_mpc.robot.coordinates import POSE
@@ -84,7 +84,12 @@ def _advice(ending: Ending) -> str:
 
 
 @public
-def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
+def plan(
+    problem: Problem,
+    *,
+    risk: Risk | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Result:
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
     Never raises for a problem that has no plan: ``Result.status`` and ``Result.message`` say so,
@@ -94,14 +99,17 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
+        risk: What of the time counts where joint bends are uncertain, if not ``problem.risk``:
+            "nominal", "mean", or a quantile; with all but "nominal" the result has a policy.
         on_progress: Called as the search proceeds.
 
     Raises:
-        InputError: If the locomotion units would overlap at the start or at the goal, or the robot
-            would be outside of its workspace or overlap an obstacle there.
+        InputError: If there is no such risk; or at the start or at the goal the locomotion units
+            would overlap, the robot would be outside of its workspace, or overlap an obstacle.
         PlanInterrupted: At Ctrl-C: a ``KeyboardInterrupt`` whose ``result`` is the best so far.
     """
-    result = plan_until_interrupted(problem, on_progress=on_progress)
+    asked = problem if risk is None else problem.with_values(risk=risk)
+    result = plan_until_interrupted(asked, on_progress=on_progress)
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from twosra_mpc.arguments import public
+from twosra_mpc.problem.problem import Risk
 from twosra_mpc.robot.modes import ModeSequence, named, soft_segments
-
-Risk = Literal["nominal", "mean"] | float
 
 
 def priced(costs: Iterable[tuple[float, float]], risk: Risk) -> float:

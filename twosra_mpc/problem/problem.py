@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import (
     BeforeValidator,
@@ -24,7 +24,7 @@ from pydantic import (
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, doubt
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
-from twosra_mpc.keys import doubts
+from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, inner_goal, read_only
 from twosra_mpc.problem.tasks import Pass, Stage, Task, passes, stages_of, task_problems
@@ -119,6 +119,18 @@ def _molten_at(thresholds_C: tuple[float, float], fraction: float) -> float:
 AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
 
 
+Risk = Literal["nominal", "mean"] | float
+"""What of an uncertain time counts: none of the uncertainty, the mean, or a quantile."""
+
+
+def _word_or_quantile(value: object) -> object:
+    number = isinstance(value := plain(value), float) and 0.0 < value < 1.0
+    if number or value in get_args(get_args(Risk)[0]):
+        return value
+    hint = near_word(value, get_args(get_args(Risk)[0]))
+    raise InputError("", value, "nominal, mean, or a quantile between 0 and 1, as 0.9", hint=hint)
+
+
 class Alone(NamedTuple):
     """One stretch of a problem: from a start to a goal, whatever else is asked."""
 
@@ -173,7 +185,7 @@ class Problem(Value):
     transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
     modes: Several[ModeField] = Field(default_factory=lambda data: data["robot"].modes)
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
-    risk: Literal["nominal", "mean"] | Annotated[float, Field(gt=0.0, lt=1.0)] = "nominal"
+    risk: Annotated[Risk, BeforeValidator(_word_or_quantile)] = "nominal"
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     work_limit: Positive = 60_000.0
     time_limit_s: Positive = 600.0
