@@ -43,7 +43,7 @@ from twosra_mpc.robot.description import Robot, load_robot, robot_names, with_pa
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.validation import ArrayValue
 
-_YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state
+_YOUNGER = {"body_gap_m", "bend_lever"}  # limits that plan files of before do not state
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.checking.heat import course, heating_problems
+from twosra_mpc.checking.levers import lever_margin
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import NOTHING_AROUND, examine_around
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Cost as PlanCost
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
-from twosra_mpc.problem.limits import CURRENT, TEMPERATURE, WHEEL_SPEED, settled
+from twosra_mpc.problem.limits import BEND_LEVER, CURRENT, TEMPERATURE, WHEEL_SPEED, settled
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.speeds import Driven, driven, margins
 from twosra_mpc.problem.tolerances import (
@@ -101,7 +102,8 @@ def examine(trajectory: Trajectory) -> Findings:
     if problem.obstacles or problem.objects or problem.tasks or problem.workspace is not None:
         around = examine_around(trajectory, reached)
     moving = trajectory.driven
-    limits = _margins(problem, samples, moving)
+    limits = _margins(problem, samples, moving) | {BEND_LEVER.name: lever_margin(trajectory)}
+    limits = {name: margin for name, margin in limits.items() if np.isfinite(margin)}
     limits |= around.margins
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
@@ -228,7 +230,7 @@ def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, fl
     for limit, value in used.items():
         most = limit.asked(problem) or 0.0
         left[limit.name] = min(left.get(limit.name, np.inf), settled(float(most - value), most))
-    return {name: margin for name, margin in left.items() if np.isfinite(margin)}
+    return left
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

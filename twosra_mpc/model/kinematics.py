@@ -31,6 +31,7 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
+_SPANNED = 1e-12  # m2: squared volume that rigid motions span, where they are not independent
 
 
 class ModelFunction(ca.Function):
@@ -258,6 +259,23 @@ def exact_wheel_map(geometry: Geometry) -> ca.Function:
     bent = [rigid[wheel, :2] @ ca.jacobian(poses[:2, wheel], kappa) for wheel in range(WHEELS)]
     rows = ca.horzcat(rigid, ca.vertcat(*bent)) / geometry.wheel_radius_m
     return ca.Function("W", [kappa], [rows], ["kappa"], ["W"])
+
+
+def bend_levers(geometry: Geometry, kappa: ca.SX) -> ca.SX:
+    """Lever of the wheels on each segment if it alone is soft, signed, (n,), in its lengths.
+
+    How far wheels roll per angle by which it bends, other than in any rigid motion: its column of W
+    along the normal of the rigid ones. Where that is zero, four wheels do not determine these four
+    motions, and beyond it the sign is another.
+    """
+    matrix = exact_wheel_map(geometry)(kappa) * geometry.wheel_radius_m
+    others = [[k for k in range(WHEELS) if k != wheel] for wheel in range(WHEELS)]
+    normal = [
+        (-1) ** (wheel + 1) * ca.det(matrix[rows, :POSE]) for wheel, rows in enumerate(others)
+    ]
+    size = ca.sqrt(sum(each**2 for each in normal) + _SPANNED)
+    bends = matrix[:, POSE:].T @ ca.vertcat(*normal)
+    return bends / size / ca.DM(geometry.lengths_m) ** 2
 
 
 def wheel_independence(geometry: Geometry, kappa: ca.SX) -> ca.SX:

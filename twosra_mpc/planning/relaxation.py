@@ -25,7 +25,14 @@ from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
-from twosra_mpc.problem.limits import CURVATURE, most_gaps_m, overlap_in_words
+from twosra_mpc.problem.limits import (
+    CURVATURE,
+    bent_alone,
+    most_gaps_m,
+    overlap_in_words,
+    singular_in_words,
+    surely_singular,
+)
 from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.problem.speeds import (
     interval_durations,
@@ -203,7 +210,15 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
     met = zip((low - GOAL_TOLERANCE).tolist(), (high + GOAL_TOLERANCE).tolist(), strict=True)
     asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
-    def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
+    def forbidden(mode: Mode, before: Intervals, bend: float, most: float) -> str | None:
+        if bent_alone(problem.robot, mode) is not None:
+            ends = [
+                (low + soft * min(bend, most), high + soft * max(bend, most))
+                for soft, (low, high) in zip(mode, before, strict=True)
+            ]
+            ways = (facts.shapes_on_the_way(mode, *way) for way in ((before, bend), (ends, 0.0)))
+            if surely_singular(problem.robot, mode, *ways):
+                return singular_in_words(problem.robot, mode)
         begin, end = 0.0, bend
         for _ in range(_LOOKS):
             shapes = facts.shapes_on_the_way(mode, before, end, begin)

@@ -15,25 +15,31 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.kinematics import wheel_independence
+from twosra_mpc.model.intervals import enclose
+from twosra_mpc.model.kinematics import bend_levers, wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.model.self_collision import FAR_M, self_collision
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
+    CERTAIN_LEVER,
     CURVATURE_TOLERANCE_PER_M,
+    LEVER_TOLERANCE,
     RATE_TOLERANCE,
     ROUNDING_M,
+    STILL_RAD,
 )
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
+from twosra_mpc.robot.modes import Mode
 
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
+Shapes = tuple[Array, Array]
 _SHARES = np.linspace(1.0, 0.0, 401)  # of a shape, on its way back
 _CERTAIN_M = 1e-4  # of a gap: beyond what interpolating a shape can feign
 
@@ -190,9 +196,19 @@ WORKSPACE = Limit("workspace_m")  # margin to the box of the scenario
 CLEARANCE = Limit("clearance_m")  # margin to what is kept to obstacles
 CONTACT = Limit("contact_m")  # margin to the overlap that is allowed with what is touched
 SOFT_TRAVEL = Limit("soft_travel_m")  # kept where there are obstacles
+BEND_LEVER = Limit("bend_lever")  # where one segment is soft, against its spring
 TEMPERATURE = Limit("temperature_max_C")
 CURRENT = Limit("heater_current_A", number="current_max_A")
-_OTHERS = WHEEL_ACCELERATION, WORKSPACE, CLEARANCE, CONTACT, SOFT_TRAVEL, TEMPERATURE, CURRENT
+_OTHERS = (
+    WHEEL_ACCELERATION,
+    WORKSPACE,
+    CLEARANCE,
+    CONTACT,
+    SOFT_TRAVEL,
+    BEND_LEVER,
+    TEMPERATURE,
+    CURRENT,
+)
 LIMITS = {limit.name: limit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS, *_OTHERS)}
 
 
@@ -285,6 +301,84 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     margins = shape_margins(robot, kappa)
     driving = [margins[limit.name] >= 0 for limit in SHAPE_LIMITS if limit.driving]
     return np.all(driving, axis=0)
+
+
+# Bends of one soft segment, which its spring straightens.
+
+
+def bent_alone(robot: Robot | Body, mode: Mode) -> int | None:
+    """The only soft segment of a mode, from 0, if the robot limits how it bends."""
+    limited = robot.body.limits.bend_lever is not None and sum(mode) == 1
+    return mode.index(1) if limited else None
+
+
+def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
+    """Margins to `BEND_LEVER` of a bend through shapes (m, n): of its steps, and of its end, (m,).
+
+    Wheels bend a segment that is soft alone against its spring, and hold it at the end, only by a
+    lever in proportion to its bend, and never across a shape without any. What straightens it may
+    cross those. Infinite where nothing is asked.
+    """
+    margins, j = np.full(len(kappa), np.inf), bent_alone(robot, mode)
+    if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
+        return margins
+    begin, after = kappa[:-1].copy(), kappa[1:]
+    begin[begin[:, j] * after[:, j] < 0, j] = 0.0  # up to there it is straightened
+    (levers, left), (levers_then, left_then) = (
+        _levers(robot, j, each, each) for each in (begin, after)
+    )
+    lost = -np.maximum(np.abs(levers[0]), np.abs(levers_then[0]))
+    steps = np.where(levers[0] * levers_then[0] < 0, lost, np.minimum(left, left_then))
+    against = np.abs(after[:, j]) > np.abs(begin[:, j])
+    margins[:-1][against], margins[-1] = steps[against], left_then[-1]
+    margins[np.abs(margins) <= LEVER_TOLERANCE] = 0.0
+    return margins
+
+
+def surely_singular(robot: Robot | Body, mode: Mode, way: Shapes, end: Shapes) -> bool:
+    """True if no bend of one soft segment through these shapes keeps `BEND_LEVER`.
+
+    Args:
+        robot: The robot.
+        mode: Its mode.
+        way: Shapes that it passes in this order, (m, n), and how far off they may be, (n,) [1/m].
+        end: Some that hold all in which it may end, likewise.
+    """
+    if (j := bent_alone(robot, mode)) is None:
+        return False
+    own, off = way[0][:, j], way[1][j]
+    if np.ptp(own) * robot.body.geometry.lengths_m[j] <= 2 * STILL_RAD:
+        return False
+    (low, high), left = _levers(robot, j, way[0] - way[1], way[0] + way[1])
+    against = np.sign(own[-1] - own[0]) * own > off
+    crosses = (low[against] > CERTAIN_LEVER).any() and (high[against] < -CERTAIN_LEVER).any()
+    _, held = _levers(robot, j, end[0] - end[1], end[0] + end[1])
+    return bool(crosses or min(left[against].min(initial=0.0), held.max()) < -CERTAIN_LEVER)
+
+
+def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
+    """Bounds of the signed lever on a segment in boxes of shapes, (2, m), and most that is left."""
+    if (low == high).all():
+        (levers,) = by_rows(_lever_function(robot), low)
+        signed = np.array([levers[:, j]] * 2)
+    else:
+        signed = np.array([each[j] for each in enclose(_lever_function(robot), low.T, high.T)])
+    straightest = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0)
+    asked = (robot.body.limits.bend_lever or 0.0) * robot.body.geometry.lengths_m[j] * straightest
+    return signed, np.abs(signed).max(axis=0) - asked
+
+
+@per_body()
+def _lever_function(body: Body) -> ca.Function:
+    """Kappa (n,) -> levers of the wheels on each segment if it alone is soft, signed, (n,)."""
+    kappa = ca.SX.sym("kappa", body.geometry.segments)
+    return ca.Function("levers", [kappa], [bend_levers(body.geometry, kappa)], {"cse": True})
+
+
+def singular_in_words(robot: Robot | Body, mode: Mode) -> str:
+    """What is wrong with a bend that breaks `BEND_LEVER`, to complete "shapes whose ..."."""
+    name, limit = BEND_LEVER.name, robot.body.limits.bend_lever
+    return f"wheels lose hold of segment {mode.index(1) + 1}, soft alone: {name} < {limit:zg}"
 
 
 def workspace_margins(problem: Problem | Alone, q: Array) -> Array:

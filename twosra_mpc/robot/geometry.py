@@ -140,7 +140,9 @@ class MotionLimits(Value):
     ``unit_gap_m`` is the least distance between the frames of the two locomotion units.
     ``wheel_independence`` is the least singular value of the rigid wheel matrix with which the
     robot may drive, wheel radius divided out and turning measured at 0.1 m; at zero some motion
-    needs no wheel to turn, and nothing would stop it.
+    needs no wheel to turn, and nothing would stop it. ``bend_lever`` is the least lever with which
+    wheels bend a segment that is soft alone against its spring, or hold it, in lengths of the
+    segment and per angle by which it is bent.
 
     ``speed_m_s`` and ``turn_rate_rad_s`` are of the middle link in rigid phases,
     ``bend_rate_rad_s`` of every segment (kappa' l). With ``wheel_acceleration_rad_s2`` every phase
@@ -154,6 +156,7 @@ class MotionLimits(Value):
     curvature_per_m: Positive
     unit_gap_m: Distance = 0.0
     wheel_independence: NonNegative = 0.05
+    bend_lever: NonNegative | None = None
     wheel_acceleration_rad_s2: Rate | None = None
     bend_rate_rad_s: Rate | None = None
     speed_m_s: Rate | None = None

@@ -48,8 +48,8 @@ class BendingTask:
         least_time_of_more: (mode, bounds of W before, least change, largest change) -> (a, b): a
             change d in between takes at least a + b abs(d - least) [s].
         least_effort: As least_time -> lower bound on effort times duration [s2].
-        forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
-            such bend passes, in words; None if nothing is.
+        forbidden: (mode, bounds of W before, least and largest change of W) -> what is wrong with a
+            shape that every such bend passes, in words; None if nothing is.
         shapeless: Bounds of the W of every segment -> whether no shape within them is allowed.
         beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
@@ -69,7 +69,7 @@ class BendingTask:
     least_time: Callable[[Mode, Intervals, float], float]
     least_time_of_more: Callable[[Mode, Intervals, float, float], tuple[float, float]]
     least_effort: Callable[[Mode, Intervals, float], float]
-    forbidden: Callable[[Mode, Intervals, float], str | None]
+    forbidden: Callable[[Mode, Intervals, float, float], str | None]
     shapeless: Callable[[Intervals], bool]
     beyond: str
     shape: str
@@ -251,6 +251,11 @@ class BendStep(NamedTuple):
         """Change of W that every such bend passes."""
         return min(self.least, self.most, key=abs) if self.least * self.most > 0 else 0.0
 
+    def forbidden(self, task: BendingTask) -> str | None:
+        """What is wrong with a shape that every such bend passes, in words; None if nothing is."""
+        farthest = max(self.least, self.most, key=abs)
+        return task.forbidden(self.mode, self.before, self.surely, farthest)
+
 
 @remembered(64)  # a sequence is looked at more than once while its problem is planned
 def bend_steps(
@@ -296,12 +301,11 @@ def least_durations(
     """
     durations = [0.0] * len(sequence)
     for i, step in enumerate(bend_steps(sequence, task, free) or ()):
-        before, bend = step.before, step.surely
-        if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
+        if any(step.mode) and (not step.possible or step.forbidden(task)):
             durations[i] = math.inf
             break
-        if bend:
-            durations[i] = task.least_time(step.mode, before, bend)
+        if step.surely:
+            durations[i] = task.least_time(step.mode, step.before, step.surely)
     return tuple(durations)
 
 
@@ -310,7 +314,7 @@ def passes_forbidden(sequence: ModeSequence, task: BendingTask, bends: Array) ->
     here = np.array(task.origin)
     for mode, bend in zip(sequence, bends.tolist(), strict=True):
         before = tuple((w, w) for w in here.tolist())
-        if any(mode) and task.forbidden(mode, before, bend):
+        if any(mode) and task.forbidden(mode, before, bend, bend):
             return True
         here = here + bend * np.array(mode)
     return False

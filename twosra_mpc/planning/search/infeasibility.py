@@ -120,8 +120,7 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
         who = f"in {sequence_name(sequence)}, mode {mode_name(step.mode)} would have to"
         if step.beyond is not None:
             return f"{who} bend segment {step.beyond + 1} {task.beyond} ({task.shape})"
-        words = task.forbidden(step.mode, step.before, step.surely)
-        if words is not None:
+        if (words := step.forbidden(task)) is not None:
             return f"{who} pass shapes whose {words} ({task.shape})"
     return None
 

@@ -25,7 +25,7 @@ from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import broken_by_shapes, workspace_margins
+from twosra_mpc.problem.limits import bend_margins, broken_by_shapes, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
@@ -240,13 +240,16 @@ def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Arra
             tried = bends + step * along
             ends = here + np.cumsum(tried[:, None] * modes, axis=0)
             begins = np.vstack([here, ends[:-1]])
-            passed = np.concatenate(
-                [a + share * (b - a) for a, b in zip(begins, ends, strict=True)]
-            )
+            passed = begins[:, None] + share * (ends - begins)[:, None]
             if (np.abs(passed) > most + _NO_CHOICE).any():
                 continue
-            shapes = np.column_stack([facts.curvature(w, j) for j, w in enumerate(passed.T)])
-            if broken_by_shapes(problem.robot, shapes) is None:
+            shapes = np.stack(
+                [facts.curvature(passed[:, :, j], j) for j in range(modes.shape[1])], axis=-1
+            )
+            kept = (bend_margins(problem.robot, *of) for of in zip(sequence, shapes, strict=True))
+            if broken_by_shapes(problem.robot, np.concatenate(shapes)) is None and (
+                min(each.min() for each in kept) >= 0
+            ):
                 found.append(tried)
     return min(found, key=lambda each: float(np.abs(each).sum()), default=None)
 
