@@ -192,7 +192,8 @@ def _robot(stored: Robot, known: Robot | None) -> Check:
     known, model = known or load_robot(stored.name), stored.path.model
     other = model != known.path.model
     right = with_path_model(known, model) if other else known
-    left_out = {"physics"} if stored.physics is None else None  # older files do not have it
+    younger = ("physics", "uncertainty")  # which older files do not have
+    left_out = {name for name in younger if getattr(stored, name) is None}
     own, meant = (item.model_dump(mode="json", exclude=left_out) for item in (stored, right))
     if other and _alike(own["path"], meant["path"], FIT_TOLERANCE):
         own["path"] = meant["path"]

@@ -69,6 +69,17 @@ class File(click.Path):
         return Path(SOURCE.convert(value, param, ctx))
 
 
+class Risk(click.types.StringParamType):
+    """What counts of an uncertain time: a word, or a quantile."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Turn what was given into a number where it is one; the problem refuses what is wrong."""
+        try:
+            return float(value)
+        except ValueError:
+            return value
+
+
 SOURCE = Source()
 SCENARIO, ROBOT = _built_in("scenarios"), _built_in("robots")
 FILE = File()
@@ -95,6 +106,9 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
     "work_limit": click.option("--work-limit", type=float, help=_WORK),
     "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
+    "risk": click.option(
+        "--risk", type=Risk(), help="What counts of uncertain time: nominal, mean, or 0.9."
+    ),
     "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),
     "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
 }

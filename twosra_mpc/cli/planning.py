@@ -56,6 +56,8 @@ def plan_command(
       twosra plan paper-1 --planner greedy
     Another robot, and how good the plan is proved to be, for a program to read:
       twosra plan shape-change --robot 2sra-v1-paper --json
+    The best that can be planned for joint bends that may end elsewhere, and what is done then:
+      twosra plan paper-5 --risk mean
     A plan that carries its proof, for "twosra verify --proof":
       twosra plan paper-1 --proof --out plan.json
 
@@ -115,6 +117,8 @@ def _print_summary(result: Result) -> None:
     rows = [("status", result.status.words), ("outcome", result.message)]
     if result.plan is not None:
         rows += _summary(result.plan)
+    if (policy := result.policy) is not None:
+        rows += [("policy" if i == 0 else "branch", each) for i, each in enumerate(policy.words)]
     if (proof := result.certificate) is not None:
         size = f"{len(json.dumps(proof)) / 1e3:z.1f} kB, {len(proof['opened'])} sequences opened"
         rows.append(("certificate", f"proves {proof['bound_s']:z.2f} s anew ({size})"))
@@ -151,7 +155,7 @@ def exit_code(*results: Result) -> int:
 
 @options.command("explain")
 @click.argument("scenario", **options.SCENARIO)
-@options.scenario_options("planner", "max_phases")
+@options.scenario_options("planner", "max_phases", "risk")
 def explain_command(scenario: str, load: options.Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 

@@ -20,7 +20,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, is_rigid, last_bent, soft_segments
 
 if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
@@ -246,8 +246,7 @@ def settling(modes: Sequence[Mode]) -> list[int]:
 
     They are what it must bring to the plan's curvatures.
     """
-    soft = list(soft_segments(modes[0]))
-    return [j for j in soft if not any(later[j] for later in modes[1:])] or soft
+    return last_bent(modes) or list(soft_segments(modes[0]))
 
 
 def predicted_curvatures(

@@ -31,6 +31,7 @@ SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertai
 _DECISION_WORK = 200.0  # units, a third of a second: commands go on meanwhile once a second
 _ROOM_WORK = 4000.0  # units, 6 s: for one that keeps more than is asked
 _MISSES = 1  # of a mode of several segments that are planned again in the same
+_MISSES_COUNTED = 3  # the same where plans count with them, and only what is bent last may miss
 
 
 class Replanning:
@@ -124,7 +125,8 @@ class Replanning:
 def what_is_left(run: Following) -> Problem | None:
     """What is left of a run's problem, from where it is; None while metal is in no known state.
 
-    Modes of several segments whose bends have missed are avoided: these bend one by one.
+    Once a joint bend has missed, plans count with that as far as the robot's file says how it may;
+    and modes of several segments whose bends have missed often are avoided.
 
     Raises:
         InputError: If no mode is left.
@@ -132,9 +134,13 @@ def what_is_left(run: Following) -> Problem | None:
     metal = [one for one in run.belief.metal if one is not None]
     if len(metal) < len(run.belief.metal):
         return None
-    missed, most = run.missed, _MISSES
-    avoided = {mode for mode in missed if sum(mode) > 1 and missed.count(mode) > most}
-    left = remaining_problem(*run.mission.rest(), metal, run.broken, len(missed), avoided)
+    missed, (problem, q) = [mode for mode in run.missed if sum(mode) > 1], run.mission.rest()
+    known = problem.only_time and problem.robot.uncertainty is not None
+    if missed and known and problem.risk == "nominal":
+        problem = problem.with_values(risk="mean")
+    most = _MISSES_COUNTED if known else _MISSES
+    avoided = {mode for mode in missed if missed.count(mode) > most}
+    left = remaining_problem(problem, q, metal, run.broken, len(run.missed), avoided)
     if run.clearance_m <= left.clearance_m:
         return left
     work = min(left.work_limit, _ROOM_WORK)

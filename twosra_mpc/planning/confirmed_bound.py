@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 
 from twosra_mpc.arguments import public
 from twosra_mpc.effort import limited
@@ -11,6 +11,7 @@ from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and
 from twosra_mpc.planning.stages.variants import ways_of
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.tolerances import forgiven
+from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing.thermal import confirmed_model
 
 _STEPS = 100  # of a search that only bounds
@@ -24,6 +25,11 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
     after they are over, so the same heating would be a plan that is done no later. That holds of
     exact thermal times alone. None elsewhere, where cost is not only time, and of the greedy rule.
     """
+    return least_confirmed_s(plan, ())
+
+
+def least_confirmed_s(plan: Plan, excluded: Container[ModeSequence]) -> float | None:
+    """The same of plans by sequences that are not excluded, of which ``plan`` is one."""
     problem, known, duration_s = plan.problem, plan.lower_bound, plan.confirmed_s
     model = confirmed_model(problem)
     if model is None or duration_s is None or known is None:
@@ -38,10 +44,10 @@ def confirmed_lower_bound(plan: Plan) -> float | None:
         """No plan is looked for."""
         return iter(())
 
-    steps = iter(range(_STEPS))
+    steps, variants = iter(range(_STEPS)), ways_of(model.problem).variants
     with limited(problem.work_limit, problem.time_limit_s):
         search: SearchResult[None] = branch_and_bound(
-            stage_tree(model.problem, ways_of(model.problem).variants, none, timing=model),
+            stage_tree(model.problem, variants, none, excluded, timing=model),
             gap=problem.gap,
             out_of_time=lambda: next(steps, None) is None,
             on_progress=lambda *_: None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -39,7 +39,7 @@ from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import Problem, Risk
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
 from twosra_mpc.robot.coordinates import POSE
@@ -84,7 +84,12 @@ def _advice(ending: Ending) -> str:
 
 
 @public
-def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
+def plan(
+    problem: Problem,
+    *,
+    risk: Risk | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Result:
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
     Never raises for a problem that has no plan: ``Result.status`` and ``Result.message`` say so,
@@ -94,14 +99,17 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
+        risk: What of the time counts where joint bends are uncertain, if not ``problem.risk``:
+            "nominal", "mean", or a quantile; with all but "nominal" the result has a policy.
         on_progress: Called as the search proceeds.
 
     Raises:
-        InputError: If the locomotion units would overlap at the start or at the goal, or the robot
-            would be outside of its workspace or overlap an obstacle there.
+        InputError: If there is no such risk; or at the start or at the goal the locomotion units
+            would overlap, the robot would be outside of its workspace, or overlap an obstacle.
         PlanInterrupted: At Ctrl-C: a ``KeyboardInterrupt`` whose ``result`` is the best so far.
     """
-    result = plan_until_interrupted(problem, on_progress=on_progress)
+    asked = problem if risk is None else problem.with_values(risk=risk)
+    result = plan_until_interrupted(asked, on_progress=on_progress)
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result
@@ -111,7 +119,7 @@ def plan_until_interrupted(
     problem: Problem,
     *,
     on_progress: Callable[[Progress], None] | None = None,
-    excluded: frozenset[ModeSequence] = frozenset(),
+    excluded: Container[ModeSequence] = (),
     than_s: float = math.inf,
     worth_s: float = 0.0,
 ) -> Result:
@@ -128,6 +136,24 @@ def plan_until_interrupted(
     Raises:
         InputError: As ``plan`` does.
     """
+    with limited(problem.work_limit, problem.time_limit_s):
+        if problem.risk != "nominal" and not excluded:
+            from twosra_mpc.planning.policy import RELYING, plan_policy  # no one else waits for it
+
+            if than_s == math.inf:
+                return plan_policy(problem, on_progress)
+            excluded = RELYING  # what is known to be best counts on nothing more
+        return searched(problem, on_progress, excluded, than_s, worth_s)
+
+
+def searched(
+    problem: Problem,
+    on_progress: Callable[[Progress], None] | None = None,
+    excluded: Container[ModeSequence] = (),
+    than_s: float = math.inf,
+    worth_s: float = 0.0,
+) -> Result:
+    """Plan as `plan_until_interrupted` does, as if joint bends were certain."""
     started = time.perf_counter()
     with limited(problem.work_limit, problem.time_limit_s):
         try:
@@ -169,7 +195,7 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
 
 def _search(
     problem: Problem,
-    excluded: frozenset[ModeSequence],
+    excluded: Container[ModeSequence],
     on_progress: Callable[[Progress], None] | None,
     than_s: float,
     worth_s: float,

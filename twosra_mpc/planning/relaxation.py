@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from typing import TypeVar
@@ -58,7 +58,7 @@ def stage_tree(
     problem: Problem,
     variants: Sequence[Variant],
     solver: Solver[Solution],
-    excluded: frozenset[ModeSequence] = frozenset(),
+    excluded: Container[ModeSequence] = (),
     in_the_way: Sequence[Sequence[InTheWay]] | None = None,
     timing: TransitionModel | None = None,
 ) -> Tree[Solution]:

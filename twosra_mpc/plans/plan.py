@@ -21,9 +21,11 @@ from twosra_mpc.plans.carried import mission_document, object_poses
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.problem.world import Object
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name
 from twosra_mpc.timing import Transition, transition_model
+from twosra_mpc.timing.network import EventLayout
 from twosra_mpc.timing.thermal import confirmed_model
 from twosra_mpc.validation import ArrayValue
 
@@ -170,20 +172,34 @@ class Plan(ArrayValue):
             mode[item.segment - 1] = int(item.to == "soft")
         return tuple(mode)
 
-    @cached_property
+    @property
     def confirmed_s(self) -> float | None:
         """Time until a robot exactly as described is known to have carried it out [s].
 
         ``duration_s`` is when the metal is as planned; a run goes on when it knows. None if the
         segments are not described, or heaters that are told so late cannot make the phases.
         """
+        return None if self._confirmed is None else float(self._confirmed[self._events.finish])
+
+    def known_end_s(self, phase: int) -> float:
+        """Time at which a run is at the end of a phase (from 0) [s]; as planned where unknown."""
+        known = self._confirmed
+        return self.phases[phase].end_s if known is None else float(known[self._events.end(phase)])
+
+    @property
+    def _events(self) -> EventLayout:
+        return EventLayout(len(self.phases), len(self.last_mode))
+
+    @cached_property
+    def _confirmed(self) -> Array | None:
+        """Times of all events as they are confirmed."""
         model = confirmed_model(self.problem)
         if model is None:
             return None
         lasting = np.array([phase.end_s - phase.start_s for phase in self.phases])
         network = model.network(self.sequence, self.last_mode, [0.0] * len(lasting))
         found = feasible_schedule(network, lasting, model.problem, model)
-        return None if found is None else float(found[0][network.layout.finish])
+        return None if found is None else found[0]
 
     @property
     def gap(self) -> float | None:

@@ -22,6 +22,7 @@ from twosra_mpc.files import LARGEST, check_kind, json_document, reading, toml_d
 from twosra_mpc.installation import __version__
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
+from twosra_mpc.plans.policy import Policy
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
 from twosra_mpc.problem.tasks import passes
@@ -75,6 +76,7 @@ class Result(ArrayValue):
         plan: The best plan; None if there is none. Failed planning by the greedy rule may have one
             that does not verify, to be looked at.
         certificate: What ``checking.certificate`` proves a bound with, as plain data; None without.
+        policy: What is done where joint bends miss, if the problem's ``risk`` asks for it.
     """
 
     problem: Problem
@@ -86,6 +88,7 @@ class Result(ArrayValue):
     stats: Stats
     plan: Plan | None
     certificate: dict[str, Any] | None = None
+    policy: Policy | None = None
 
     @property
     def message(self) -> str:
@@ -156,6 +159,7 @@ class Result(ArrayValue):
             "stopped_early": self.stopped_early,
             "ending": self.ending,
             **({} if self.certificate is None else {"certificate": self.certificate}),
+            **({} if self.policy is None else {"policy": self.policy.to_dict()}),
         }
 
     def save(self, path: str | Path) -> None:
@@ -232,6 +236,7 @@ class PlanDocument(BaseModel):
     stopped_early: bool
     ending: Ending | None = None
     certificate: dict[str, Any] | None = None
+    policy: Policy | None = None
     tasks: tuple[TaskDone, ...] = ()
     carried: tuple[CarriedObject, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -301,6 +306,7 @@ def _result(data: PlanDocument, source: str) -> Result:
         ending=data.ending or early,
         stats=data.stats,
         certificate=data.certificate,
+        policy=data.policy,
         plan=plan,
     )
 

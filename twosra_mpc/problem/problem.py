@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import (
     BeforeValidator,
@@ -24,7 +24,7 @@ from pydantic import (
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, doubt
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
-from twosra_mpc.keys import doubts
+from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, inner_goal, read_only
 from twosra_mpc.problem.tasks import Pass, Stage, Task, passes, stages_of, task_problems
@@ -119,6 +119,18 @@ def _molten_at(thresholds_C: tuple[float, float], fraction: float) -> float:
 AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
 
 
+Risk = Literal["nominal", "mean"] | float
+"""What of an uncertain time counts: none of the uncertainty, the mean, or a quantile."""
+
+
+def _word_or_quantile(value: object) -> object:
+    number = isinstance(value := plain(value), float) and 0.0 < value < 1.0
+    if number or value in get_args(get_args(Risk)[0]):
+        return value
+    hint = near_word(value, get_args(get_args(Risk)[0]))
+    raise InputError("", value, "nominal, mean, or a quantile between 0 and 1, as 0.9", hint=hint)
+
+
 class Alone(NamedTuple):
     """One stretch of a problem: from a start to a goal, whatever else is asked."""
 
@@ -143,9 +155,11 @@ class Problem(Value):
     the robot leaves the ``workspace``, and all keep ``clearance_m`` from the ``obstacles``. The
     ``tasks`` are done one after the other, or with ``order = "free"`` in the order that costs least
     (those of one object keep theirs); then the goal is reached. A last task that says
-    ``do = "reach"`` is the goal, and a mission may end without one. The search ends within ``gap``
-    of the best possible, after ``work_limit`` units of work (`effort`: the same on every machine),
-    or after ``time_limit_s`` of CPU time, which is for machines on which that work takes too long.
+    ``do = "reach"`` is the goal, and a mission may end without one. ``risk`` says what of the time
+    counts where joint bends are uncertain: "nominal", as if they were not; "mean"; or a quantile,
+    as 0.9. The search ends within ``gap`` of the best possible, after ``work_limit`` units of work
+    (`effort`: the same on every machine), or after ``time_limit_s`` of CPU time, which is for
+    machines on which that work takes too long.
     """
 
     description: str = ""
@@ -171,6 +185,7 @@ class Problem(Value):
     transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
     modes: Several[ModeField] = Field(default_factory=lambda data: data["robot"].modes)
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
+    risk: Annotated[Risk, BeforeValidator(_word_or_quantile)] = "nominal"
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     work_limit: Positive = 60_000.0
     time_limit_s: Positive = 600.0
@@ -284,6 +299,9 @@ class Problem(Value):
                 if abs(q[3 + j]) > limit + CURVATURE_TOLERANCE_PER_M:
                     allowed = f"from {-limit:zg} to {limit:zg} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
+        if self.risk != "nominal" and not self.only_time:
+            allowed = "nominal with weights, obstacles, objects or tasks"
+            yield InputError("risk", self.risk, allowed)
         yield from self._tasks_outside()
         yield from self._impossible_temperatures()
         if self._thermal:
@@ -499,6 +517,12 @@ class Problem(Value):
         energy = max(self.weights.energy_s_per_J, _LEAST_ENERGY_S_PER_J)
         return self.weights.with_values(energy_s_per_J=energy)
 
+    @property
+    def only_time(self) -> bool:
+        """True if all that counts is the time to reach a goal with nothing around."""
+        other = self.obstacles or self.objects or self.tasks
+        return not other and not any(self.cost_weights.model_dump().values())
+
     @cached_property
     def transition_times(self) -> Timing:
         """The set of transition times that ``timing`` names."""
@@ -524,6 +548,7 @@ class Problem(Value):
         for table, key, unused in (
             (found, "objects", []),
             (found, "order", "given"),
+            (found, "risk", "nominal"),
             (found["start"], "holding", None),
             (found["start"], "melt_fraction", None),
             (found["start"], "body_temperature_C", None),

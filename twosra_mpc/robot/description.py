@@ -29,6 +29,7 @@ from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Heater, Segment
 from twosra_mpc.robot.timing import AnyTiming
+from twosra_mpc.robot.uncertainty import Uncertainty
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 
@@ -80,7 +81,8 @@ class Robot(Value):
     alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``. ``accuracy`` is
     how near to their goals runs end; where it is missing, plans meet theirs exactly. ``robot_id``
     is for firmware that expects the robot's number as the last one of every line. ``physics`` is
-    for simulation in a rigid-body engine; planning does not use it.
+    for simulation in a rigid-body engine; planning does not use it. ``uncertainty`` is what nobody
+    knows before trying; plans count with it where a problem's ``risk`` asks for it.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -94,6 +96,7 @@ class Robot(Value):
     segments: Several[AnySegment] = ()
     timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
     physics: Physics | None = None
+    uncertainty: Uncertainty | None = None
     robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
 
     @property

@@ -49,6 +49,11 @@ def soft_runs(sequence: Sequence[Mode]) -> list[list[int]]:
     return [list(run) for rigid, run in grouped if not rigid]
 
 
+def last_bent(modes: Sequence[Mode]) -> list[int]:
+    """Segments (from 0) that are soft in the first of these phases and in no later one."""
+    return [j for j in soft_segments(modes[0]) if not any(later[j] for later in modes[1:])]
+
+
 def blocks_of(sequence: Sequence[Mode]) -> int:
     """Number of blocks of a sequence."""
     return len(soft_runs(sequence))

@@ -18,7 +18,7 @@ from twosra_mpc.cli.output import Output, digits, print_table
 @click.argument("scenario", default="paper-1", **options.SCENARIO)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 takes a free one.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
-@options.scenario_options("work_limit", "time_limit_s", "max_phases")
+@options.scenario_options("work_limit", "time_limit_s", "max_phases", "risk")
 def studio_command(
     scenario: str, port: int, no_browser: bool, load: options.Load, output: Output
 ) -> None:
@@ -48,7 +48,7 @@ def studio_command(
 @click.option("--over", required=True, metavar="A,B", help="Two of x, y, phi, kappa1, kappa2 ...")
 @click.option("--size", type=click.IntRange(2, 101), default=17, help="Points a side.")
 @options.plot_option("Draw the map")
-@options.scenario_options("work_limit", "time_limit_s", "max_phases")
+@options.scenario_options("work_limit", "time_limit_s", "max_phases", "risk")
 def map_command(
     scenario: str, over: str, size: int, plot: Path | None, load: options.Load, output: Output
 ) -> None:

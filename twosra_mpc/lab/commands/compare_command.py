@@ -24,7 +24,7 @@ EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
 @command("compare")
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...", **SCENARIO)
-@scenario_options("planner", "max_phases")
+@scenario_options("planner", "max_phases", "risk")
 @plot_option("Draw them on one time axis")
 def compare_command(
     scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output

@@ -7,7 +7,7 @@ first stage adds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
@@ -185,7 +185,7 @@ def tree_of(
     solver: Solver[Solution],
     *,
     in_the_way: Sequence[Sequence[InTheWay]] | None = None,
-    excluded: frozenset[ModeSequence] = frozenset(),
+    excluded: Container[ModeSequence] = (),
 ) -> Tree[Solution]:
     """Build the tree of the stages of variants.
 
@@ -225,7 +225,7 @@ class Tree(Generic[Solution]):
     leaves: Leaves
     solver: Solver[Solution]
     in_the_way: Sequence[Sequence[InTheWay]]
-    excluded: frozenset[ModeSequence] = frozenset()
+    excluded: Container[ModeSequence] = ()
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
 
     def everywhere(self, ask: Callable[[StageBounds, InTheWay], str | None]) -> str | None:
