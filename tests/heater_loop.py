@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.control.heated_segment import HeatedSegment
-from twosra_mpc.control.stiffness_controller import StiffnessController
+from twosra_mpc.control.stiffness import StiffnessController
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Stiffness

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.control.heated_segment import HeatedSegment
-from twosra_mpc.control.stiffness_controller import stiffness_controller
+from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.lab.serial.port import SerialPort
 from twosra_mpc.lab.serial.robot import STOPS

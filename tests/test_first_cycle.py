@@ -12,7 +12,7 @@ from thermal_problems import V2, earliest_finish, settled, thermal_model, therma
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.timing import OverlappedTiming
-from twosra_mpc.thermal.first_cycle import FirstCycle
+from twosra_mpc.thermal.least_times import FirstCycle
 from twosra_mpc.timing import transition_model
 
 FREEZE = (RIGID, SOFT_1, RIGID)

@@ -18,7 +18,7 @@ from heater_loop import HeaterRun, LinearMap, Profile, simulate_heater, stretche
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
+from twosra_mpc.control.stiffness import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness

@@ -13,7 +13,7 @@ from heater_loop import simulate_heater
 from thermal_problems import V1
 
 from twosra_mpc import InputError, Problem, Robot, Status, check_plan, plan
-from twosra_mpc.control.stiffness_controller import stiffness_controller
+from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.description import segment_model

@@ -12,8 +12,7 @@ from once import planned
 
 from twosra_mpc import InputError, Problem, load_problem, load_robot
 from twosra_mpc.control.heated_segment import HeatedSegment
-from twosra_mpc.control.stiffness import warm_setpoint_C
-from twosra_mpc.control.stiffness_controller import stiffness_controller
+from twosra_mpc.control.stiffness import stiffness_controller, warm_setpoint_C
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance

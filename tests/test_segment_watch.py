@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from twosra_mpc import load_problem, load_robot
-from twosra_mpc.control.stiffness_controller import stiffness_controller
+from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import follow
 from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience

@@ -41,7 +41,6 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/model/bending.py": ("test_bending", "test_bounds"),
     "twosra_mpc/timing/network.py": ("test_timing", "test_motion_bound", "test_segment_timing"),
     "twosra_mpc/timing/overlapped.py": ("test_timing", "test_verification"),
-    "twosra_mpc/thermal/first_cycle.py": ("test_first_cycle", "test_thermal_timing"),
     "twosra_mpc/thermal/heating.py": ("test_heating", "test_heating_plan"),
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/space/convex.py": ("test_slices",),

@@ -18,11 +18,12 @@ from functools import lru_cache
 from twosra_mpc.control.stiffness import (
     WITHIN_S,
     KnownStiffness,
+    StiffnessController,
     clearly_rigid,
     clearly_soft,
+    stiffness_controller,
     warm_setpoint_C,
 )
-from twosra_mpc.control.stiffness_controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.thermistor import TemperatureSensor, temperature_sensor
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness

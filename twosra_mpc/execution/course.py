@@ -18,7 +18,7 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Activity, Next, Policy, rest
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing import Transition
@@ -73,6 +73,11 @@ class Course:
         before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
         early = item.to == "rigid" and before > 0  # the plan let it coast
         return self.done >= before and (early or self.clock_s >= item.heater_s - SAME_TIME_S)
+
+    def end(self, phase: Phase) -> None:
+        """End a phase; the clock goes on to its end, if it is not there yet."""
+        self.done += 1
+        self.clock_s = max(self.clock_s, phase.end_s)
 
     @property
     def begun(self) -> int:

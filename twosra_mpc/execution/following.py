@@ -118,10 +118,8 @@ class Following(PlanPolicy):
 
     def phase_done(self, index: int) -> Next:
         """Go on to the next phase, once tasks are done that are due."""
-        course, phase = self.course, self.course.plan.phases[index]
         self.driving = None
-        course.done += 1
-        course.clock_s = max(course.clock_s, phase.end_s)
+        self.course.end(self.course.plan.phases[index])
         return _DueTasks(self, index + 1, begins=False)
 
     def drive(self, index: int) -> Next:

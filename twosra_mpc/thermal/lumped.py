@@ -223,12 +223,9 @@ class Lumped:
         self, regime: _Regime, h: float, after: float, duration_s: float, current_A: float
     ) -> float:
         """Integral of the heater power, from the heat balance E = H' - H + G int (T - T_a)."""
-        here = self.temperature_C((h,))
-        if regime.capacity_J_per_K == 0.0:
-            return self.power_W(current_A, here) * duration_s
         a, b = self.power_W(current_A, self.ambient_C), regime.slope_W_per_K
-        if abs(b) * duration_s < 1e-9 * regime.capacity_J_per_K:
-            middle = (here + self.temperature_C((after,))) / 2
+        if abs(b) * duration_s < 1e-9 * regime.capacity_J_per_K or not regime.capacity_J_per_K:
+            middle = (self.temperature_C((h,)) + self.temperature_C((after,))) / 2
             return self.power_W(current_A, middle) * duration_s
         warm = (a * duration_s - (after - h)) / b
         return after - h + self.loss_W_per_K * warm

@@ -16,7 +16,7 @@ import numpy as np
 
 from twosra_mpc.arguments import check_size, public
 from twosra_mpc.control.heated_segment import LONGEST_STEP_S, HeatedSegment
-from twosra_mpc.control.stiffness_controller import stiffness_controller
+from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.guard import bends_into_itself

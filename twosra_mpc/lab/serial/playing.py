@@ -111,8 +111,7 @@ class _Phase:
         policy, course, belief = self._policy, self._policy.course, self._policy.course.belief
         mode = self._phase.mode
         if not self._orders:
-            course.done += 1
-            course.clock_s = max(course.clock_s, self._phase.end_s)
+            course.end(self._phase)
             return Waiting(policy, self._index + 1)
         ready = policy.ready(mode, course.clock_s)
         if not ready:

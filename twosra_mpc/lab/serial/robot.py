@@ -40,7 +40,6 @@ RATE_HZ = 15.0  # of the authors' controller in their published trials, by their
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often
 STOPS, STOP_PAUSE_S = 5, 0.05  # a stop is sent so often: a line can lose a byte
 
-_STILL = np.zeros(WHEELS)
 _LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
 _LONGEST_REST_S = 0.2  # the follow-up robot reports once a second
 _SAME_TIME_S = 1e-6
@@ -158,10 +157,8 @@ class SerialRobot:
         heard: list[list[float]] = [[] for _ in range(self.robot.coordinates.segments)]
         unreadable = [0] * self.robot.coordinates.segments
         until_s = self.clock.now_s() + self.patience.listen_s
-        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
         while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < MEDIAN_OF:
-            self.send(_STILL, off_C)
-            self.wait(self.camera.period_s)
+            self._rest()
             for j, new in enumerate(self._heard()):
                 heard[j] += [reading_C for reading_C in new if math.isfinite(reading_C)]
                 unreadable[j] += sum(map(math.isnan, new))
@@ -188,15 +185,19 @@ class SerialRobot:
             RobotError: If nothing sees it, or the line does not work any more.
         """
         until_s, frames = self.clock.now_s() + self.patience.listen_s, self.read().frames
-        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
         while not seen():
             if self.clock.now_s() >= until_s:
                 known = f"no pose within {self.patience.listen_s:zg} s"
                 raise RobotError(f"{known}: {describe()}")
-            self.send(_STILL, off_C)
-            self.wait(self.camera.period_s)
+            self._rest()
             frames = self.read().frames
         return frames
+
+    def _rest(self) -> None:
+        """Stand for a period, heaters off."""
+        off_C = np.full(self.robot.coordinates.segments, self.robot.heater.rigid_setpoint_C)
+        self.send(np.zeros(WHEELS), off_C)
+        self.wait(self.camera.period_s)
 
     def read(self) -> Reading:
         """Return what is known now.

@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 import statistics
 
-from twosra_mpc.control.stiffness import KnownStiffness
-from twosra_mpc.control.stiffness_controller import stiffness_controller
+from twosra_mpc.control.stiffness import KnownStiffness, stiffness_controller
 from twosra_mpc.errors import RobotError
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
