@@ -315,22 +315,21 @@ def bent_alone(robot: Robot | Body, mode: Mode) -> int | None:
 def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     """Margins to `BEND_LEVER` of a bend through shapes (m, n): of its steps, and of its end, (m,).
 
-    Wheels bend a segment that is soft alone against its spring, and hold it at the end, only by a
-    lever in proportion to its bend, and never across a shape without any. What straightens it may
-    cross those. Infinite where nothing is asked.
+    Wheels bend a segment that is soft alone against its spring, and hold it at the end: by a lever
+    in proportion to its bend where they push, by any where they pull, and never across a shape
+    without one. What straightens it may cross those. Infinite where nothing is asked.
     """
     margins, j = np.full(len(kappa), np.inf), bent_alone(robot, mode)
     if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
         return margins
-    begin, after = kappa[:-1].copy(), kappa[1:]
-    begin[begin[:, j] * after[:, j] < 0, j] = 0.0  # up to there it is straightened
-    (levers, left), (levers_then, left_then) = (
-        _levers(robot, j, each, each) for each in (begin, after)
-    )
-    lost = -np.maximum(np.abs(levers[0]), np.abs(levers_then[0]))
-    steps = np.where(levers[0] * levers_then[0] < 0, lost, np.minimum(left, left_then))
-    against = np.abs(after[:, j]) > np.abs(begin[:, j])
-    margins[:-1][against], margins[-1] = steps[against], left_then[-1]
+    begin, end = kappa[:-1].copy(), kappa[1:]
+    begin[begin[:, j] * end[:, j] < 0, j] = 0.0  # up to there it is straightened
+    ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
+    crossed = (one * other < 0) & (np.minimum(np.abs(one), np.abs(other)) > LEVER_TOLERANCE)
+    lost = -np.maximum(np.abs(one), np.abs(other))
+    against = np.abs(end[:, j]) > np.abs(begin[:, j])
+    margins[:-1] = np.where(crossed, lost, np.minimum(left, left_then))
+    margins[:-1][~against], margins[-1] = np.inf, left_then[-1]
     margins[np.abs(margins) <= LEVER_TOLERANCE] = 0.0
     return margins
 
@@ -359,13 +358,13 @@ def surely_singular(robot: Robot | Body, mode: Mode, way: Shapes, end: Shapes) -
 def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
     """Bounds of the signed lever on a segment in boxes of shapes, (2, m), and most that is left."""
     if (low == high).all():
-        (levers,) = by_rows(_lever_function(robot), low)
-        signed = np.array([levers[:, j]] * 2)
+        signed = np.array([by_rows(_lever_function(robot), low)[0][:, j]] * 2)
     else:
         signed = np.array([each[j] for each in enclose(_lever_function(robot), low.T, high.T)])
-    straightest = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0)
-    asked = (robot.body.limits.bend_lever or 0.0) * robot.body.geometry.lengths_m[j] * straightest
-    return signed, np.abs(signed).max(axis=0) - asked
+    bent = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0) * robot.body.geometry.lengths_m[j]
+    pushing = signed * np.where(high[:, j] < 0, -1.0, 1.0)  # where negative, wheels pull
+    asked = (robot.body.limits.bend_lever or 0.0) * bent
+    return signed, np.maximum(-pushing.min(axis=0), pushing.max(axis=0) - asked)
 
 
 @per_body()

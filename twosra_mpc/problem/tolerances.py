@@ -38,7 +38,7 @@ STILL_RAD = 1e-5
 """A bend by less of a single soft segment is none: what is left of a phase that is not needed."""
 LEVER_TOLERANCE = 1e-6
 """What levers of wheels may miss of what they must be, in lengths of a segment per rad."""
-CERTAIN_LEVER = 0.01
+CERTAIN_LEVER = 0.02
 """What they miss where bounds say so: more than they change between samples that are looked at."""
 WHEEL_TOLERANCE_RAD_S = 1e-6
 """By so much a wheel may turn otherwise than its inputs ask, or not rest where a phase ends."""
