@@ -247,27 +247,23 @@ def _lever_margin(trajectory: Trajectory) -> float:
     for phase in trajectory.phases:
         if robot.limits.bend_lever is None or sum(phase.mode) != 1:
             continue
-        j = phase.mode.index(1)
-        first, last = np.searchsorted(
-            samples.t_s + TIME_TOLERANCE_S, [phase.start_s, phase.end_s]
-        ).tolist()
+        j, ends = phase.mode.index(1), (phase.start_s, phase.end_s)
+        first, last = np.searchsorted(samples.t_s + TIME_TOLERANCE_S, ends).tolist()
         bends, length = samples.q[first : last + 1, POSE + j], robot.geometry.lengths_m[j]
         if np.ptp(bends) * length <= STILL_RAD:
             continue
-        steps = itertools.pairwise(bends.tolist())
-        cuts = [np.linspace(a, b, 2 + int(abs(b - a) / _STEP_PER_M)) for a, b in steps]
-        way = np.concatenate(cuts)
-        way = np.insert(way, np.flatnonzero(way[1:] * way[:-1] < 0) + 1, 0.0)
+        at = np.append(0.0, np.abs(np.diff(bends)).cumsum())
+        way = np.interp(np.union1d(at, np.arange(0.0, at[-1], _STEP_PER_M)), at, bends)
         shapes = np.tile(samples.q[first, POSE:], (len(way), 1))
         shapes[:, j] = way
         lever = bend_levers(robot, shapes, j)
         pushing = lever * np.where(way < 0, -1.0, 1.0)
         left = np.maximum(-pushing, pushing - robot.limits.bend_lever * length * np.abs(way))
-        away = np.diff(np.abs(way)) > 0
-        both = np.abs([lever[1:], lever[:-1]])
-        crosses = (lever[1:] * lever[:-1] < 0) & (both.min(axis=0) > LEVER_TOLERANCE)
-        passed = np.where(crosses, -both.max(axis=0), np.minimum(left[1:], left[:-1]))
-        margins += [float(left[-1]), float(passed[away].min(initial=np.inf))]
+        both = np.sort(np.abs([lever[1:], lever[:-1]]), axis=0)
+        crosses = (lever[1:] * lever[:-1] < 0) & (both[0] > LEVER_TOLERANCE)
+        steps = np.where(crosses, -both[1], np.minimum(left[1:], left[:-1]))
+        against = way[:-1] * np.diff(way) > 0
+        margins += [float(left[-1]), float(steps[against].min(initial=np.inf))]
     return 0.0 if abs(min(margins)) <= LEVER_TOLERANCE else min(margins)
 
 

@@ -260,22 +260,25 @@ def exact_wheel_map(geometry: Geometry) -> ca.Function:
     return ca.Function("W", [kappa], [rows], ["kappa"], ["W"])
 
 
-def bend_levers(geometry: Geometry, kappa: ca.SX) -> ca.SX:
-    """Lever of the wheels on each segment if it alone is soft, signed, (n,), in its lengths.
+@per_body()
+def bend_levers(body: Body) -> ca.Function:
+    """Kappa (n,) -> lever of the wheels on each segment if it alone is soft, (n,), in its lengths.
 
     Wheels that stand leave each unit a turn about the point where their drive directions meet. The
     lever is how far a bend brings these two points together, per angle: by it their force bends the
-    segment. Where it is zero, the four columns of W are dependent. Where it has the sign of the
-    bend, the spring of the segment pushes the points apart, and is buckled if that takes much.
+    segment. Where it is zero, its column of W depends on the rigid ones. Where it has the sign of
+    the bend, the spring of the segment pushes the points apart, and buckles if that takes much.
     """
-    poses, at = wheel_pose_matrix(geometry, ca.vertcat(0, 0, 0, kappa)), list[ca.SX]()
-    for one, other in ((0, 1), (2, 3)):
-        (x, y, psi), (x2, y2, psi2) = (geometry.wheel_placement[wheel] for wheel in (one, other))
+    geometry, kappa = body.geometry, ca.SX.sym("kappa", body.geometry.segments)
+    poses, points = wheel_pose_matrix(geometry, ca.vertcat(0, 0, 0, kappa)), []
+    for i in (0, 2):
+        (x, y, psi), (x2, y2, psi2) = geometry.wheel_placement[i : i + 2]
         across = (x2 - x) * math.sin(psi2) - (y2 - y) * math.cos(psi2)
-        along = ca.vertcat(ca.cos(poses[2, one]), ca.sin(poses[2, one]))
-        at.append(poses[:2, one] + across / math.sin(psi2 - psi) * along)
-    apart = ca.norm_2(at[1] - at[0])
-    return -ca.gradient(apart, kappa) / ca.DM(geometry.lengths_m) ** 2
+        along = ca.vertcat(ca.cos(poses[2, i]), ca.sin(poses[2, i]))
+        points.append(poses[:2, i] + across / math.sin(psi2 - psi) * along)
+    closer = -ca.gradient(ca.norm_2(points[1] - points[0]), kappa)
+    levers = closer / ca.DM(geometry.lengths_m) ** 2
+    return ca.Function("levers", [kappa], [ca.densify(levers)], {"cse": True})
 
 
 def wheel_independence(geometry: Geometry, kappa: ca.SX) -> ca.SX:
