@@ -131,11 +131,10 @@ def _interrupting() -> set[signal.Signals | int]:
 
 def _deferred() -> set[signal.Signals | int]:
     """Signals that a block around this one collects."""
-    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
     return {
         number
-        for number, handled_by in handlers.items()
-        if isinstance(getattr(handled_by, "__self__", None), Interrupts)
+        for number in signal.valid_signals()
+        if isinstance(getattr(signal.getsignal(number), "__self__", None), Interrupts)
     }
 
 

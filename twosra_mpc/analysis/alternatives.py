@@ -151,10 +151,8 @@ def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:
             asked = made.problem.with_values(tasks=other.plan.problem.tasks)
             same = replace(other.plan.trajectory, problem=asked)
             if (checked := verify(same)).ok:
-                bound = made.lower_bound
-                solving.append(
-                    replace(other.plan, trajectory=same, verification=checked, lower_bound=bound)
-                )
+                proved = replace(other.plan, lower_bound=made.lower_bound)
+                solving.append(replace(proved, trajectory=same, verification=checked))
     better = min(solving, key=lambda each: each.cost.total, default=None)
     if better is None:
         return None

@@ -198,9 +198,8 @@ def out_argument(check: Check) -> Decorator:
             usage = " ".join(ctx.command.collect_usage_pieces(ctx)[1:-1])
             ctx.fail(f"OUT stands last, without an option: {ctx.command_path} {usage} {given}")
 
-    named = click.option(
-        "-o", "--out", "_", hidden=True, is_eager=True, expose_value=False, callback=told
-    )
+    unseen: dict[str, Any] = {"hidden": True, "is_eager": True, "expose_value": False}
+    named = click.option("-o", "--out", "_", callback=told, **unseen)
     argument = click.argument("out", type=NewFile(check))
     return lambda function: argument(named(function))
 

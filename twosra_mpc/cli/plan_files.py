@@ -118,9 +118,8 @@ def _proved(
     """
     as_claimed = isinstance(claimed, int | float) and proof.bound >= claimed * (1 - _ROUNDING)
     enough = reported * share
-    text = (
-        f"proves {proof.bound:z.3f} s in {len(proof.parts)} parts; {reported:z.3f} s are reported"
-    )
+    parts = f"{len(proof.parts)} parts"
+    text = f"proves {proof.bound:z.3f} s in {parts}; {reported:z.3f} s are reported"
     if (more := reported - proof.bound) > 0:
         text = f"{text}, {more:z.3f} s ({100 * more / reported:z.2g} %) more than is proved"
     text += "" if as_claimed else f"; {claimed!r} s are claimed by the certificate"

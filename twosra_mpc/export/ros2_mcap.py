@@ -140,18 +140,16 @@ def _send_motion(plan: Plan, send: Send) -> None:
     things = plan.problem.objects
     moved = object_poses(plan.trajectory, samples.t_s, samples.q)
     new = _news(np.hstack([samples.q, turned, moved.reshape(len(turned), -1)]))
+    times, places = samples.t_s[new].tolist(), samples.q[new, :POSE].tolist()
     poses = [
         {"header": _header(t), "pose": {"position": _xyz(x, y), "orientation": _turn(phi)}}
-        for t, (x, y, phi) in zip(
-            samples.t_s[new].tolist(), samples.q[new, :POSE].tolist(), strict=True
-        )
+        for t, (x, y, phi) in zip(times, places, strict=True)
     ]
     send("/path", "nav_msgs/Path", 0.0, {"header": _header(0.0), "poses": poses})
     chain = joints(geometry)
     names = [joint.name for joint in chain]
-    for time_s, q, wheel_rad, at in zip(
-        samples.t_s[new].tolist(), samples.q[new], turned[new], moved[new].tolist(), strict=True
-    ):
+    rows = zip(times, samples.q[new], turned[new], moved[new].tolist(), strict=True)
+    for time_s, q, wheel_rad, at in rows:
         position = angles(geometry, q, wheel_rad).tolist()
         state = _joint_state(time_s, names, position)
         send("/joint_states", "sensor_msgs/JointState", time_s, state)

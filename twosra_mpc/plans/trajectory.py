@@ -29,7 +29,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.thermal.model import replayed
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
-from twosra_mpc.validation import ArrayValue, ReadOnlyArrays
+from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 _LOOK_S = 0.02  # between looks whether a box is entered
@@ -46,7 +46,7 @@ class Phase(NamedTuple):
 
 @public
 @dataclass(frozen=True, eq=False, repr=False)
-class Samples(ReadOnlyArrays):
+class Samples(ArrayValue):
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
     On a plan's own grid modes, heater commands and the inputs' rate of change hold to the next
@@ -86,7 +86,7 @@ class Samples(ReadOnlyArrays):
             shape = (len(self.t_s), *width.get(item.name, (segments,)))
             if array.shape != shape:
                 raise InputError(f"samples.{item.name}", array.shape, f"an array of shape {shape}")
-        super().__post_init__()
+            array.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.t_s)

@@ -67,9 +67,8 @@ class LiveRun:
         """
         asked = self.asked
         problem, level = Problem(**asked.problem), disturbance_level(asked.disturbance)
-        robot = SimulatedRobot(
-            problem, asked.plant, level, asked.seed, broken_heaters=asked.broken_heaters
-        )
+        broken = asked.broken_heaters
+        robot = SimulatedRobot(problem, asked.plant, level, asked.seed, broken_heaters=broken)
         made = plan(problem.with_values(planner="optimal")).require()
         controller = plan_controller(made, robot.camera, settings_for(level), robot.think)
         off_C = np.full(len(robot.segments), problem.robot.heater.rigid_setpoint_C)

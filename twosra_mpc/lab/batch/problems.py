@@ -45,9 +45,7 @@ class Problems:
         """
         self.spec, self._axes = spec, spec.axes
         robots = {spec.random.robot} if spec.random else set[str]()
-        robots |= {
-            str(name) for name in (*self._axes.get("robot", ()), spec.fixed.get("robot", ""))
-        }
+        robots |= {*map(str, self._axes.get("robot", ())), str(spec.fixed.get("robot", ""))}
         self._robots = {name: _robot(name, folder) for name in sorted(robots - {""})}
         names = spec.scenarios or ((spec.scenario,) if spec.scenario else ())
         self._scenarios = {name: _scenario(name, folder) for name in names}
@@ -140,10 +138,6 @@ def _with(document: Any, key: str, value: Any, whole: str) -> Any:
         inner = _with(document[place], rest, value, whole) if rest else value
         return [*document[:place], inner, *document[place + 1 :]]
     if not isinstance(document, dict):
-        raise InputError(
-            whole, value, "a key of the scenario or of its robot, or an entry of a list"
-        )
-    return {
-        **document,
-        first: _with(document.get(first, {}), rest, value, whole) if rest else value,
-    }
+        raise InputError(whole, value, "a key of scenario or robot, or an entry of a list")
+    inner = _with(document.get(first, {}), rest, value, whole) if rest else value
+    return {**document, first: inner}

@@ -189,9 +189,8 @@ class Spec(Value):
     @property
     def axes(self) -> dict[str, tuple[Scalar, ...]]:
         """Dotted key -> values of the grid."""
-        return {
-            key: axis.values if isinstance(axis, Range) else axis for key, axis in self.grid.items()
-        }
+        axes = self.grid.items()
+        return {key: each.values if isinstance(each, Range) else each for key, each in axes}
 
     @property
     def kinds(self) -> Mapping[str, str]:

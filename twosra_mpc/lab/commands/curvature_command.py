@@ -73,9 +73,8 @@ def estimate_curvature_command(
         raise InputError("reference", len(references), f"one for each of {len(folders)} folders")
     if figures is not None and not os.path.isdir(figures):
         raise InputError("figures", str(figures), "a folder that exists")
-    camera = Camera(
-        scale_m=scale_m, length_m=length_m, towards_px=pixel(towards), threshold=threshold
-    )
+    seen: dict[str, Any] = {"scale_m": scale_m, "length_m": length_m, "threshold": threshold}
+    camera = Camera(towards_px=pixel(towards), **seen)
     found = []
     with output.progress("reading pictures") as tell:
         for number, folder in enumerate(folders):

@@ -13,13 +13,12 @@ from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import check_writable
 from twosra_mpc.lab.commands.curvature_command import pixel
-from twosra_mpc.lab.photographs.picture import Camera
+from twosra_mpc.lab.photographs.picture import PAPER_CAMERA, Camera
 
 if TYPE_CHECKING:
     from twosra_mpc.lab.paper import PaperReport
 
 
-_SEGMENT_M, _SEGMENT_PX = 0.04, 8.4  # in the paper's photographs
 _AUTHORS = "https://github.com/Louashka/2sr-agent-control and 2sr-agent-simulation"
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -36,16 +35,17 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option(
     *("--scale", "scale_m"),
     type=float,
-    default=_SEGMENT_M / _SEGMENT_PX,
+    default=PAPER_CAMERA.scale_m,
     show_default=False,
     help="Width of a pixel [m].  [default: 0.00476]",
 )
 @click.option(
-    "--length", "length_m", type=float, default=_SEGMENT_M, help="Of the segment in them [m]."
+    *("--length", "length_m"),
+    type=float,
+    default=PAPER_CAMERA.length_m,
+    help="Of the segment in them [m].",
 )
-@click.option(
-    "--towards", metavar="X,Y", default="37,34", help="Pixel at the end it is followed to."
-)
+@click.option("--towards", metavar="X,Y", default="37,34", help="Pixel at its end to follow it to.")
 @click.option("--problems", type=int, default=100, help="Random problems of each kind.")
 def reproduce_command(
     folder: Path,

@@ -145,11 +145,6 @@ def fit_thermal_command(
     )
 
 
-def _print_doubts(doubts: list[str]) -> None:
-    for doubt in doubts:
-        click.echo(f"Warning: {doubt}.")
-
-
 def _transition_document(fit: TransitionFit) -> dict[str, Any]:
     """The fit as plain data."""
     return {
@@ -196,7 +191,7 @@ def _print_transitions(fit: TransitionFit, own: TwoNodeSegment, doubts: list[str
         f" ten within {fit.quantile(0.9):z.1%}; {fit.within(0.35)} of {len(fit.predictions)} within"
         f" 35 %. What lasted less than {SHORTEST_S:zg} s is told, but not fitted."
     )
-    _print_doubts(doubts)
+    click.echo("".join(f"Warning: {doubt}.\n" for doubt in doubts), nl=False)
 
 
 def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
@@ -216,9 +211,7 @@ def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
 
 
 def _scores(scores: Scores) -> list[dict[str, Any]]:
-    return [
-        {"log": log.source, "residuals": found.residuals, "law": found.law} for log, found in scores
-    ]
+    return [{"log": log.source, "residuals": of.residuals, "law": of.law} for log, of in scores]
 
 
 def _print_fit(
@@ -236,9 +229,7 @@ def _print_fit(
     ]
     print_table(("residual of the segment", *_HEADER, "cycles left out, RMS [C]"), rows)
     if fit.held_out:
-        left_out = [
-            (f"cycle {part.cycle + 1}", *_residuals(part.residuals)) for part in fit.held_out
-        ]
+        left_out = [(f"cycle {one.cycle + 1}", *_residuals(one.residuals)) for one in fit.held_out]
         print_table(("left out of the fit", *_HEADER), left_out)
     else:
         click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
@@ -249,7 +240,7 @@ def _print_fit(
         f"in a hold the power is unknown, and the first {CORRECTED_S:zg} s after it help to find "
         f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:z.4g} C.{start}"
     )
-    _print_doubts(doubts)
+    click.echo("".join(f"Warning: {doubt}.\n" for doubt in doubts), nl=False)
 
 
 def _print_scores(robot: Robot, scores: Scores) -> None:

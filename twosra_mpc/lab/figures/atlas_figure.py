@@ -101,17 +101,18 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> None:
         ax.scatter(coded[x], coded["duration_s"], c=coded["code"], s=14, **style)
         ax.set(xlabel=_label(x), ylabel="duration [s]")
     else:
-        _draw_places(
-            ax, coded, x, y, "code", lambda at: float(np.bincount(at.astype(int)).argmax()), style
-        )
+        _draw_places(ax, coded, x, y, "code", _most_frequent, style)
     keys = {name or "no plan": colours(rank) for name, rank in ranks.items() if rank <= _TOLD_APART}
     if max(ranks.values()) > _TOLD_APART:
         keys["others"] = colours(_TOLD_APART + 1)
     handles = [Patch(fc=colour, ec="0.6", lw=0.5) for colour in keys.values()]
-    ax.legend(
-        handles, list(keys), fontsize=6.5, loc="upper left", bbox_to_anchor=(0, -0.16), ncols=2
-    )
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0, -0.16), "ncols": 2}
+    ax.legend(handles, list(keys), fontsize=6.5, **place)
     ax.set_title("mode sequence of the plan")
+
+
+def _most_frequent(codes: Array) -> float:
+    return float(np.bincount(codes.astype(int)).argmax())
 
 
 def draw_quantity(
@@ -169,9 +170,8 @@ def draw_gaps(ax: Axes, runs: DataFrame) -> None:
     title = "proved gap at full speed"
     if gaps.size:
         gaps = np.maximum(gaps, _LEAST_GAP)
-        ax.hist(
-            gaps, bins=np.geomspace(gaps.min() / 1.5, gaps.max() * 1.5, 31).tolist(), color=_BLUE
-        )
+        edges = np.geomspace(gaps.min() / 1.5, gaps.max() * 1.5, 31).tolist()
+        ax.hist(gaps, bins=edges, color=_BLUE)
         middle = float(np.median(gaps))
         ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2)
         title = f"proved gap at full speed, median {middle:z.2g} %"

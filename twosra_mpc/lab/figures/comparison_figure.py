@@ -54,10 +54,8 @@ def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None
             row += 1
         axes[-1].tick_params(labelbottom=True)
         axes[-1].set(xlim=(0.0, 1.005 * end_s), xlabel="time [s]")
-        motion = Patch(**MOTION, label="motion")
-        figure.legend(
-            handles=[*timeline_figures.state_handles(), motion], loc="outside lower center", ncols=6
-        )
+        handles = [*timeline_figures.state_handles(), Patch(**MOTION, label="motion")]
+        figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
 

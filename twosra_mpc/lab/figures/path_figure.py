@@ -181,9 +181,8 @@ def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array
     length = geometry.lengths_m[0]
     ax.plot(*shape.links[1].T / length, lw=2.4, c=_pale(figures.METAL_COLOUR), **style)
     for arc, soft in zip(shape.segments / length, MODES[case], strict=True):
-        ax.plot(
-            *arc.T, lw=3.2, c=_pale(figures.SOFT_COLOUR if soft else figures.RIGID_COLOUR), **style
-        )
+        colour = figures.SOFT_COLOUR if soft else figures.RIGID_COLOUR
+        ax.plot(*arc.T, lw=3.2, c=_pale(colour), **style)
     end, heading = shape.ends[0, :2] / length, shape.ends[0, 2]
     ax.plot(*end, **UNIT | {"marker": (4, 0, 45 + np.degrees(heading))})
     return end

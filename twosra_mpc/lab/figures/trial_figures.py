@@ -68,9 +68,8 @@ def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None
     left = np.linalg.norm(log.q - simulation[-1], axis=1)
     ax = axes[3]
     for phase in log.phases:
-        ax.axvspan(
-            *log.time_s[[phase.start, phase.stop - 1]], color=figures.SOFT_COLOUR, alpha=0.35
-        )
+        ends = log.time_s[[phase.start, phase.stop - 1]]
+        ax.axvspan(*ends, color=figures.SOFT_COLOUR, alpha=0.35)
     ax.plot(log.time_s, left / left[0], c="0.1", lw=1.6)
     ax.set(ylabel="|q - qₜ| / |q₀ - qₜ|", ylim=(0.0, None))
 
@@ -101,9 +100,7 @@ def plot_distances(
                 places = np.array(list(values)) + shift
                 ax.bar(places, [each[number] for each in values.values()], width * 0.82, **look)
         ax.set_xticks(list(published), [f"trial {number}" for number in published])
-        ax.set(
-            ylabel="distance (no unit)", title="outlined: published; filled: found from the logs"
-        )
+        ax.set(ylabel="distance (no unit)", title="outlined: published; filled: from the logs")
         ax.legend(loc="upper right", ncols=len(_NAMES))
     return figure
 

@@ -117,7 +117,7 @@ class HeatingLog(ReadOnlyArrays):
         wrong = np.flatnonzero((gaps <= 0) | (gaps > LONGEST_GAP_S))
         if len(wrong):
             before, value = self.time_s[wrong[0] : wrong[0] + 2].tolist()
-            allowed = f"at most {LONGEST_GAP_S:zg} s later than the row before it ({before:zg} s)"
+            allowed = f"later than the row before it ({before:zg} s), {LONGEST_GAP_S:zg} s at most"
             raise self._refuse(f"time_s, row {wrong[0] + 2}", value, allowed)
 
     def _check_course(self) -> None:

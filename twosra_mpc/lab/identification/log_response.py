@@ -219,9 +219,8 @@ def respond(log: EvenLog, plant: TwoNodePlant, sensor: SensorLag, law: HeaterLaw
     for (first, end), (next_hold, _) in pairwise(spans):
         free, held = slice(at, first + 1), slice(first, end)
         if first > at:
-            states[free], lags[free], duty[at:first] = loop.run(
-                states[at], lags[at], share[at:first]
-            )
+            free_run = loop.run(states[at], lags[at], share[at:first])
+            states[free], lags[free], duty[at:first] = free_run
         if end > first:
             core, *behind = sensor.core_behind(reading[held])
             states[held] = plant.led(float(states[first, 1]), core)

@@ -69,9 +69,8 @@ def _inputs() -> Data:
             turned = wheel_speeds(robot, q[None], v, modes)[0]
             lost.append(np.abs(known.inputs(q, mode, turned) - v[0]).max())
             if sum(mode) == 1:  # unit 1 has the first two wheels
-                first, second = np.abs(
-                    wheel_speeds(robot, np.tile(q, (2, 1)), units, np.tile(modes, (2, 1)))
-                )
+                rows = np.tile(q, (2, 1)), units, np.tile(modes, (2, 1))
+                first, second = np.abs(wheel_speeds(robot, *rows))
                 dragged += [first[2:].max() / first.max(), second[:2].max() / second.max()]
     moved = roll_out(robot, np.zeros(POSE + 2), ((1, 1),) * 2, 1e-6 * units[:, None]).states
     bends = np.diff(moved[:, [0, -1], POSE:], axis=1)[:, 0]

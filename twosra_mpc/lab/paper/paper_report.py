@@ -25,13 +25,10 @@ from twosra_mpc.lab.paper import (
     unit_paths,
 )
 from twosra_mpc.lab.paper.section import PAPER, Data, Section, Tell, Verdict, declared
-from twosra_mpc.lab.photographs.picture import Camera
+from twosra_mpc.lab.photographs.picture import PAPER_CAMERA, Camera
 from twosra_mpc.report.page import policy, versions
 
 PAGE, NUMBERS = "report.html", "numbers.json"
-SEGMENT_M = 0.04
-CAMERA = Camera(scale_m=SEGMENT_M / 8.4, length_m=SEGMENT_M, towards_px=(37.0, 34.0))
-"""How the paper's photographs were taken: 168 of its pixels, each a twentieth, for a segment."""
 
 
 @public
@@ -51,7 +48,7 @@ class Sources:
     photographs: Path | None = None
     simulations: Path | None = None
     column: str = "k1"
-    camera: Camera = CAMERA
+    camera: Camera = PAPER_CAMERA
 
 
 @dataclass(frozen=True)

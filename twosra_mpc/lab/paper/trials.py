@@ -172,9 +172,8 @@ def _waits(logs: Data) -> Table:
         waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
         total = sum(one["total_s"] for one in published)
         together = {"motion_s": total - waited, "total_s": total, "share_waiting": waited / total}
-        rows.append(
-            (f"{len(published)} trials together", "", "", "", f"{waited:z.0f}", *_times(together))
-        )
+        words = f"{len(published)} trials together"
+        rows.append((words, "", "", "", f"{waited:z.0f}", *_times(together)))
     header = ("log", "trial", "modes", *(f"{words} [s]" for words in _TIMES.values()), "waiting")
     return Table("Where the time went", header, tuple(rows), numbers=3)
 
@@ -220,24 +219,18 @@ def _ends(trials: Trials) -> Table:
 
 def _bent(logs: Data) -> Table:
     rows = [
-        (
-            name,
-            mode_name(one["mode"]),
-            f"{one['bend_rad']:+z.2f}",
-            *_off(one["error"], one["moved"]),
-        )
+        (name, mode_name(one["mode"]), f"{one['bend_rad']:+z.2f}", *_off(one))
         for name, log in logs.items()
         for one in log["bends"]
     ]
     header = ("log", "mode", "bend [rad]", "place [mm]", "still [mm]", "phi [rad]", "still [rad]")
-    words = (
-        "Error of exact arcs at the end of soft phases, given the measured history of curvatures;"
-        ' beside it that of "nothing moves"'
-    )
+    words = "Error of exact arcs at the end of soft phases, given the curvatures measured till then"
+    words += '; beside it that of "nothing moves"'
     return Table(words, header, tuple(rows), numbers=2)
 
 
-def _off(*errors: Any) -> list[str]:
-    """Distances [mm] of some configurations' errors, then their headings' [rad]."""
+def _off(bend: Data) -> tuple[str, ...]:
+    """Distances [mm] by the model and of standing still, then the same of headings [rad]."""
+    errors = bend["error"], bend["moved"]
     places = [f"{1e3 * float(np.hypot(*error[:2])):z.0f}" for error in errors]
-    return places + [f"{abs(error[2]):z.2f}" for error in errors]
+    return (*places, *(f"{abs(error[2]):z.2f}" for error in errors))

@@ -24,12 +24,10 @@ def compute(folder: Path, tell: Tell) -> Data:
     robot = load_robot(_ROBOT)
     plot_paths(robot, folder / FIGURE)
     rows = {case: _row(fit) for case, fit in zip(CASES, fit_spirals(robot.geometry), strict=True)}
-    ends = (
-        fit_spirals(robot.geometry.with_values(segment_length_m=length)) for length in _LENGTHS_M
-    )
+    geometries = (robot.geometry.with_values(segment_length_m=length) for length in _LENGTHS_M)
     changes = [
         [abs(b / a - 1.0) for a, b in zip(_row(short), _row(long), strict=True)]
-        for short, long in zip(*ends, strict=True)
+        for short, long in zip(*map(fit_spirals, geometries), strict=True)
     ]
     return {
         "spirals": rows,
@@ -45,8 +43,7 @@ def _row(fit: Any) -> list[float]:
 
 def section(data: Data) -> Section:
     """Compare with Table I."""
-    rows = data["spirals"].items()
-    fits = {
-        f"{case}.{name}": one for case, row in rows for name, one in zip(_NAMES, row, strict=True)
-    }
+    fits = dict[str, float]()
+    for case, row in data["spirals"].items():
+        fits |= {f"{case}.{name}": one for name, one in zip(_NAMES, row, strict=True)}
     return declared("paths", data | fits, pictures=(FIGURE,))

@@ -54,6 +54,10 @@ class Camera(Value):
         return self.length_m / self.scale_m
 
 
+# Of the robot's paper: 168 of its pixels, each a twentieth, are a segment's length.
+PAPER_CAMERA = Camera(scale_m=0.04 / 8.4, length_m=0.04, towards_px=(37.0, 34.0))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Photograph(ReadOnlyArrays):
     """Grey values 0 to 255 of one picture, (rows, columns), read-only; with the file it is from."""

@@ -150,9 +150,7 @@ COLUMNS = (
 Tell = Callable[[int, int], None]
 
 BANDS = tuple(itertools.pairwise((0.0, 10.0, 20.0, 35.0, 50.0, math.inf)))  # |reference| [1/m]
-BAND_NAMES = tuple(
-    f"{low:zg} to {high:zg}" if high < math.inf else f"from {low:zg}" for low, high in BANDS
-)
+BAND_NAMES = (*(f"{low:zg} to {high:zg}" for low, high in BANDS[:-1]), f"from {BANDS[-1][0]:zg}")
 ESTIMATORS = {"published": "published_per_m", "arc": "arc_per_m"}
 
 
@@ -276,15 +274,14 @@ def summary(found: Sequence[Sequence[Estimate]]) -> dict[str, Any]:
     every = [each for one in found for each in one]
     measured = [each.measured for each in every if each.measured is not None]
     spread = np.array([each.published.spread_per_m for each in measured])
+    errors = [each.arc.standard_error_per_m for each in measured]
     return {
         "pictures": len(every),
         "refused": len(every) - len(measured),
         "published_mean_spread_per_m": _mean(spread[np.isfinite(spread)]),
         "share_compatible_with_an_arc": _mean([each.arc.fits for each in measured]),
         "median_scatter_m": float(np.median([each.arc.scatter_m for each in measured])),
-        "median_standard_error_per_m": float(
-            np.median([each.arc.standard_error_per_m for each in measured])
-        ),
+        "median_standard_error_per_m": float(np.median(errors)),
         "deviations": {
             name: deviation([_series(one, name) for one in found]) for name in ESTIMATORS
         },

@@ -27,7 +27,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -265,9 +265,8 @@ class Simulation:
     @cache  # noqa: B019 (five values in all)
     def run(self) -> PublishedTrajectory:
         """The published trajectory, to rounding error."""
-        return published_trajectory(
-            self.start, self.goal, step_s=self.step_s, switch_iterations=self.switches
-        )
+        timed: dict[str, Any] = {"step_s": self.step_s, "switch_iterations": self.switches}
+        return published_trajectory(self.start, self.goal, **timed)
 
     @cache  # noqa: B019 (the same)
     def run_freely(self) -> PublishedTrajectory:
