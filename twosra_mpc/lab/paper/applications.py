@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from twosra_mpc.lab.paper.section import (
-    Claim,
-    Data,
-    Reading,
-    Section,
-    Table,
-    Tell,
-    declared,
-    percent,
-)
+from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared, table
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.problem.problem import load_problem
-from twosra_mpc.robot.modes import sequence_name
 
 SCENARIOS = {"conform-cylinder": "conform to a cylinder", "grasp-cube": "grip a cube and move it"}
 
@@ -42,7 +32,6 @@ def compute(folder: Path, tell: Tell) -> Data:
 
 
 _IN_THE_MODEL = "In the model: no object was touched."
-_HEADER = ("scenario", "modes", "duration [s]", "proved gap at full speed")
 
 
 def section(data: Data) -> Section:
@@ -58,14 +47,11 @@ def section(data: Data) -> Section:
         )
         for name, words in SCENARIOS.items()
     ]
-    rows = [
-        (name, sequence_name(one["sequence"]), f"{one['duration_s']:z.1f}", percent(one["gap"]))
-        for name, one in planned.items()
-    ]
+    lines = [{**one, "name": name} for name, one in planned.items()]
     return declared(
         "applications",
         data,
-        (Table("Plans", _HEADER, tuple(rows), 2),),
+        (table("applications", 0, lines),),
         [f"{name}.png" for name in planned],
         others=claims,
     )

@@ -16,7 +16,7 @@ from twosra_mpc.lab.figures.paper_figures import (
     plot_error_decrease,
     plot_published_tasks,
 )
-from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared, percent
+from twosra_mpc.lab.paper.section import Data, Section, Tell, declared, table
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import sequence_name
 
@@ -122,43 +122,13 @@ def section(data: Data) -> Section:
             for left in _LEFT
         },
     }
+    lines = [
+        {**one, "task": task, "published": SIMULATION_OF_TASK[task]} for task, one in of.items()
+    ]
     return declared(
         "tasks",
         found,
-        (_runs(of), _durations(of)),
+        (table("tasks", 0, lines), table("tasks", 1, lines)),
         (TASKS_FIGURE, ERROR_FIGURE),
         missing=set(differences.values()) == {None},
     )
-
-
-def _runs(of: dict[str, Any]) -> Table:
-    rows = [
-        (
-            task,
-            sequence_name(SIMULATION_OF_TASK[task].sequence),
-            sequence_name(one["sequence"]),
-            str(SIMULATION_OF_TASK[task].rows),
-            str(one["recorded_rows"]),
-            str(one["iterations"]),
-        )
-        for task, one in of.items()
-    ]
-    header = ("task", "published modes", "ours", "published rows", "ours", "iterations")
-    return Table("The published simulations, run anew", header, tuple(rows), numbers=3)
-
-
-def _durations(of: dict[str, Any]) -> Table:
-    rows = [
-        (
-            task,
-            sequence_name(one["greedy_sequence"]),
-            f"{one['greedy_duration_s']:z.1f}",
-            sequence_name(one["sequence_planned"]),
-            f"{one['duration_s']:z.1f}",
-            percent(one["gap"]),
-        )
-        for task, one in of.items()
-    ]
-    ours = ("this planner", "duration [s]", "proved gap at full speed")
-    header = ("task", "greedy rule", "duration [s]", *ours)
-    return Table("With melting and freezing", header, tuple(rows), numbers=6)

@@ -9,6 +9,7 @@ even with a caveat, and holds with a caveat in between. Readings without data ar
 
 from __future__ import annotations
 
+import string
 import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -16,6 +17,7 @@ from typing import Any, Literal
 
 from twosra_mpc.arguments import Word
 from twosra_mpc.files import data_file
+from twosra_mpc.robot.modes import sequence_name
 
 
 class Verdict(Word):
@@ -158,6 +160,22 @@ class Table:
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     numbers: int = 1
+
+
+class _Cells(string.Formatter):
+    """Formats of cells, to which ``!m`` is a sequence of modes, and ``!p`` a share in per cent."""
+
+    def convert_field(self, value: Any, conversion: Any) -> Any:
+        if conversion in ("m", "p"):
+            return sequence_name(value) if conversion == "m" else percent(value)
+        return super().convert_field(value, conversion)
+
+
+def table(name: str, number: int, lines: Iterable[Data]) -> Table:
+    """Make a table of a section as declared: a row for each line of data."""
+    about = PAPER[name]["tables"][number]
+    cells = (tuple(_Cells().vformat(one, (), line) for one in about["cells"]) for line in lines)
+    return Table(about["caption"], tuple(about["header"]), tuple(cells), about.get("numbers", 1))
 
 
 @dataclass(frozen=True)

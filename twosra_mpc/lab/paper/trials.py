@@ -12,12 +12,21 @@ import numpy as np
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
-from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Table, Tell, declared
+from twosra_mpc.lab.paper.section import (
+    Claim,
+    Data,
+    Reading,
+    Section,
+    Table,
+    Tell,
+    declared,
+    table,
+)
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot
-from twosra_mpc.robot.modes import mode_name, sequence_name
+from twosra_mpc.robot.modes import sequence_name
 
 TRIALS_FIGURE, DTW_FIGURE = "trials.png", "dtw.png"
 COORDINATES = ("x", "y", "phi", "kappa_1", "kappa_2")
@@ -193,15 +202,10 @@ def _times(of: Data) -> list[str]:
 
 
 def _deviations(trials: Trials) -> Table:
-    rows = []
-    for number, one in trials.items():
-        pairs = zip(_in_units(one["dtw"]["mean"]), _in_units(one["dtw"]["largest"]), strict=True)
-        cells = [f"{mean:z.1f} ({largest:z.1f})" for mean, largest in pairs]
-        rows.append((f"trial {number}", *cells))
-    return Table("Deviation by values alone: mean (largest)", ("", *_UNITS), tuple(rows))
-
-
-_UNITS = ("x [mm]", "y [mm]", "phi [deg]", "kappa_1 [1/m]", "kappa_2 [1/m]")
+    dtw = {number: one["dtw"] for number, one in trials.items()}
+    in_units = {n: (_in_units(one["mean"]), _in_units(one["largest"])) for n, one in dtw.items()}
+    lines = [{"trial": n, "mean": mean, "largest": most} for n, (mean, most) in in_units.items()]
+    return table("trials", 0, lines)
 
 
 def _in_units(q: Any) -> list[float]:
@@ -210,27 +214,19 @@ def _in_units(q: Any) -> list[float]:
 
 
 def _ends(trials: Trials) -> Table:
-    rows = [
-        (f"trial {n}", *(f"{v:+z.1f}" for v in _in_units(one["waiting"]["final_error"])))
-        for n, one in trials.items()
-    ]
-    return Table("Error at the end: last row less target", ("", *_UNITS), tuple(rows))
+    errors = {number: one["waiting"]["final_error"] for number, one in trials.items()}
+    return table("trials", 1, [{"trial": n, "error": _in_units(q)} for n, q in errors.items()])
 
 
 def _bent(logs: Data) -> Table:
-    rows = [
-        (name, mode_name(one["mode"]), f"{one['bend_rad']:+z.2f}", *_off(one))
-        for name, log in logs.items()
-        for one in log["bends"]
-    ]
-    header = ("log", "mode", "bend [rad]", "place [mm]", "still [mm]", "phi [rad]", "still [rad]")
-    words = "Error of exact arcs at the end of soft phases, given the curvatures measured till then"
-    words += '; beside it that of "nothing moves"'
-    return Table(words, header, tuple(rows), numbers=2)
+    bends = [{**one, "name": name} for name, log in logs.items() for one in log["bends"]]
+    lines = (
+        {**one, "modes": [one["mode"]], "off": _off(one["error"]), "still": _off(one["moved"])}
+        for one in bends
+    )
+    return table("trials", 2, lines)
 
 
-def _off(bend: Data) -> tuple[str, ...]:
-    """Distances [mm] by the model and of standing still, then the same of headings [rad]."""
-    errors = bend["error"], bend["moved"]
-    places = [f"{1e3 * float(np.hypot(*error[:2])):z.0f}" for error in errors]
-    return (*places, *(f"{abs(error[2]):z.2f}" for error in errors))
+def _off(error: Any) -> tuple[float, float]:
+    """Distance [mm] and turn [rad] of a configuration's error."""
+    return 1e3 * float(np.hypot(*error[:2])), abs(error[2])
