@@ -23,6 +23,7 @@ from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
     CURVATURE_TOLERANCE_PER_M,
+    INDEPENDENCE_TOLERANCE,
     RATE_TOLERANCE,
     ROUNDING_M,
 )
@@ -151,7 +152,7 @@ WHEEL_INDEPENDENCE = ShapeLimit(
     words=lambda limits: (
         f"wheels lose control: wheel_independence < {limits.wheel_independence:zg}"
     ),
-    rounding=0.0,
+    rounding=INDEPENDENCE_TOLERANCE,
     scale=1.0,
     driving=True,
 )
