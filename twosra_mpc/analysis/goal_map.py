@@ -19,7 +19,7 @@ from twosra_mpc.validation import OneOrMore
 
 SIZES = 5, 9, 17, 33  # points a side, coarse to fine: each has all points of the one before
 _REACH_M, _BENT = 0.3, 0.8  # either way; share of the largest curvature
-_WORK = 300.0  # units a point
+_WORK = 300.0  # units a point, unless the problem says how many
 
 
 @public
@@ -67,6 +67,8 @@ def goal_map(
 ) -> Iterator[Cell]:
     """Plan a problem for goals on a grid, coarse to fine; each as soon as it is planned.
 
+    A point may take the ``work_limit`` that the problem was given; 300 units, if it was given none.
+
     Args:
         problem: The problem.
         over: Two coordinates, such as ``("kappa1", "kappa2")``; see `goal_coordinates`.
@@ -107,8 +109,9 @@ def moved(problem: Problem, over: Sequence[str], at: tuple[float, float]) -> Pro
 
 
 def _cell(problem: Problem, over: Sequence[str], at: tuple[float, float]) -> Cell:
+    work = problem.work_limit if "work_limit" in problem.model_fields_set else _WORK
     try:
-        with limited(_WORK, math.inf):
+        with limited(work, math.inf):
             result = plan(moved(problem, over, at))
     except InputError:
         return Cell(*at, "", None, "infeasible")

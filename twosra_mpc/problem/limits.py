@@ -25,6 +25,7 @@ from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
     CERTAIN_LEVER,
     CURVATURE_TOLERANCE_PER_M,
+    INDEPENDENCE_TOLERANCE,
     LEVER_TOLERANCE,
     RATE_TOLERANCE,
     ROUNDING_M,
@@ -156,7 +157,7 @@ WHEEL_INDEPENDENCE = ShapeLimit(
     words=lambda limits: (
         f"wheels lose control: wheel_independence < {limits.wheel_independence:zg}"
     ),
-    rounding=0.0,
+    rounding=INDEPENDENCE_TOLERANCE,
     scale=1.0,
     driving=True,
 )

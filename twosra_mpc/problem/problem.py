@@ -337,9 +337,9 @@ class Problem(Value):
             if fraction is not None and not 0.0 <= fraction <= 1.0:
                 allowed = "from 0 (solid) to 1 (liquid)"
                 yield InputError(f"start.melt_fraction.{j}", fraction, allowed)
-            elif not low <= now <= high:
+            elif not low - _SAME_C <= now <= high + _SAME_C:
                 yield InputError(field, now, f"from {low:zg} to {high:zg} C (robot {name})")
-            elif fraction is None and now == solid == liquid:
+            elif fraction is None and solid == liquid and abs(now - solid) <= _SAME_C:
                 allowed = f"with start.melt_fraction: at {solid:zg} C metal may be solid or liquid"
                 yield InputError(field, now, allowed)
             elif fraction == 0.0 and now > solid + _SAME_C:

@@ -20,6 +20,8 @@ CURVATURE_TOLERANCE_PER_M = 5e-6
 """By so much curvatures may be beyond their limit."""
 BEYOND_PER_M = CURVATURE_TOLERANCE_PER_M + DEFECT_TOLERANCE
 """What no curvature of a verified plan is beyond its limit."""
+INDEPENDENCE_TOLERANCE = 1e-6
+"""By so much wheels may be less independent than a robot that drives needs them to be."""
 TIME_TOLERANCE_S = 2e-6
 """By so much transitions and phases may be shorter than they must be, or overlap."""
 RATE_TOLERANCE = 1e-7

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import webbrowser
-from collections import Counter
 from pathlib import Path
 
 import click
@@ -48,11 +47,14 @@ def studio_command(
 @click.option("--over", required=True, metavar="A,B", help="Two of x, y, phi, kappa1, kappa2 ...")
 @click.option("--size", type=click.IntRange(2, 101), default=17, help="Points a side.")
 @options.plot_option("Draw the map")
-@options.scenario_options("work_limit", "time_limit_s", "max_phases", "risk")
+@options.scenario_options("max_phases", "risk")
 def map_command(
     scenario: str, over: str, size: int, plot: Path | None, load: options.Load, output: Output
 ) -> None:
     """Map SCENARIO: the best mode sequence and duration over two coordinates of its goal.
+
+    A point takes up to 300 units of work, unless told otherwise; where it then has no plan, and is
+    not infeasible, more work may find one.
 
     \b
     Which sequence is best for which shape?
@@ -69,10 +71,14 @@ def map_command(
     if plot is not None:
         plotting.plot_map(cells, (names[0], names[1]), plot)
     rows = []
-    for sequence, count in Counter(cell.sequence for cell in cells).most_common():
-        taken = [cell.duration_s or math.nan for cell in cells if cell.sequence == sequence]
-        span = (digits(end(taken), 1) for end in (min, max))
-        rows.append((sequence or "no plan", str(count), *span))
+    missing, spans = {"failed": "no plan within the limits"}, dict[str, list[float]]()
+    for cell in cells:
+        name = cell.sequence or missing.get(cell.status, cell.status)
+        spans.setdefault(name, []).append(cell.duration_s or math.nan)
+    rows = [
+        (name, str(len(taken)), *(digits(end(taken), 1) for end in (min, max)))
+        for name, taken in sorted(spans.items(), key=lambda each: -len(each[1]))
+    ]
     output.report(
         lambda: {"over": names, "cells": cells},
         lambda: print_table(("mode sequence", "points", "least [s]", "most [s]"), rows),

@@ -20,6 +20,7 @@ import numpy as np
 
 from twosra_mpc.thermal.model import Array, State, Values, crossing, exponential
 
+_BRIEF_S = 1e-3  # in which a body that its core warms stays as it is
 _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
 
 
@@ -129,11 +130,14 @@ class TwoNode:
         return (core + 0.0 * decay, settled + (body - settled) * decay)
 
     def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
-        """Current that keeps the core at its temperature now, or is right on average so long."""
-        needed = max(0.0, self.coupling_per_s * (state[0] - state[1]))
-        if needed and duration_s > 0.0:
-            needed = self.holding_energy_J(state, duration_s) / duration_s / self.core_heat_J_per_K
-        return self.full_current_A * math.sqrt(needed / self.power_K_per_s)
+        """Current that keeps the core at its temperature now, or brings it back after so long."""
+        full_A = self.full_current_A
+        if duration_s < _BRIEF_S:
+            share = self.coupling_per_s * (state[0] - state[1]) / self.power_K_per_s
+        else:
+            cold, hot = (self.propagate(state, amps, duration_s)[0] for amps in (0.0, full_A))
+            share = (state[0] - cold) / (hot - cold)
+        return full_A * math.sqrt(max(0.0, share))
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heat that holding the core at its temperature takes, while the body warms up."""

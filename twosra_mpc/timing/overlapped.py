@@ -17,7 +17,6 @@ from twosra_mpc.timing.network import (
     TemporalNetwork,
     events_of,
     handovers,
-    overlaps,
     unheated,
 )
 from twosra_mpc.timing.transitions import Transition, TransitionModel, model_of
@@ -85,19 +84,6 @@ class Overlapped(TransitionModel):
         needed_s = self._lead(other.melt) + self.times.melt_changing_s
         return liquid.melts_before(other) and self._freeze_lead >= needed_s
 
-    def _sharing(
-        self, network: TemporalNetwork
-    ) -> Iterator[list[tuple[Event | None, Event, Event]]]:
-        """Yield (melt, freeze, melt of another) of metal that coasts while the other one melts.
-
-        Of two that melt in the same gap either may go first; here the one that freezes first.
-        """
-        for one, two, _ in overlaps(network.sequence, self.first, network.last):
-            turns = [turn for turn in ((one, two), (two, one)) if self.coasts(*turn)]
-            found = [(a.melt, a.freeze, b.melt) for a, b in turns if a.freeze and b.melt]
-            if found:  # else neither freezes any more
-                yield sorted(found, key=lambda turn: turn[1].gap)
-
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
     ) -> TemporalNetwork:
@@ -135,7 +121,7 @@ class Overlapped(TransitionModel):
             for _, off, on in handovers(sequence, self.first, last):
                 ends = layout.onset_of(off), layout.onset_of(on)
                 least[ends] = self._lead(on) - self._freeze_lead
-            for turns in self._sharing(made):
+            for turns in filter(None, self.sharing(made)):
                 melt, off, on = turns[0]
                 changing_s = self.times.melt_changing_s
                 if melt is None or melt.gap < on.gap:
@@ -177,7 +163,7 @@ class Overlapped(TransitionModel):
             needed = self._lead(on) - lag
             if on_s - off_s < needed - 1e-9:
                 raised[events] = needed
-        for melt, off, on in (turns[0] for turns in self._sharing(network)):
+        for melt, off, on in (turns[0] for turns in self.sharing(network) if turns):
             coasting_s = times[layout.onset_of(off)] - times[layout.onset_of(on)]
             shared = self._shared(network, melt, off, on, coasting_s).items()
             raised |= {(u, v): s for (u, v), s in shared if times[v] - times[u] < s - 1e-9}

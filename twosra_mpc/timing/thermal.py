@@ -36,7 +36,6 @@ from twosra_mpc.timing.network import (
     events_of,
     handovers,
     longest_paths,
-    overlaps,
     unheated,
 )
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
@@ -275,12 +274,18 @@ class Thermal(TransitionModel):
                 raised[onset, begin] = item.done_s - item.onset_s
             previous = onset
         if self.problem.heaters_at_once == 1:
-            if self._many_heated(made) or any(overlaps(network.sequence, self.first, network.last)):
+            sharing = [next(iter(turns), None) for turns in self.sharing(network)]
+            if None in sharing or self._many_heated(made):
                 raised[layout.finish, layout.origin] = 1.0  # not refused, but not planned either
-            for _, off, on in handovers(network.sequence, self.first, network.last):
+            follow = handovers(network.sequence, self.first, network.last)
+            turns = *((None, *turn[1:]) for turn in follow), *filter(None, sharing)
+            for melt, off, on in turns:
                 late = made[off].heater_s - made[on].heater_s
                 if late > _SETTLED_S:
-                    events = layout.onset_of(off), layout.onset_of(on)
+                    coasts_s = made[off].onset_s - made[off].heater_s
+                    longer_s = self.least[off.segment].longest_coasting_s - coasts_s
+                    since = melt if melt and late <= longer_s else off  # heat for longer, or wait
+                    events = layout.onset_of(since), layout.onset_of(on)
                     raised[events] = times[events[1]] - times[events[0]] + late
         return None if raised == network.least else replace(network, least=raised)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, Stiffness
 from twosra_mpc.robot.timing import Timing
-from twosra_mpc.timing.network import Dwell, TemporalNetwork, overlaps, refused
+from twosra_mpc.timing.network import Dwell, Event, TemporalNetwork, overlaps, refused
 
 
 class Transition(NamedTuple):
@@ -122,6 +123,22 @@ class TransitionModel(ABC):
         """True if a segment might stay liquid without heat while another one melts."""
         del liquid, other
         return False
+
+    def sharing(
+        self, network: TemporalNetwork
+    ) -> Iterator[list[tuple[Event | None, Event, Event]]]:
+        """Yield (melt, freeze, melt of another) of metal that coasts while the other one melts.
+
+        Of two that melt in the same gap either may go first; first here the one that freezes first.
+        There is none where neither freezes any more.
+        """
+        for pair in overlaps(network.sequence, self.first, network.last):
+            found = [
+                (a.melt, a.freeze, b.melt)
+                for a, b in itertools.permutations(pair[:2])
+                if a.freeze and b.melt and self.coasts(a, b)
+            ]
+            yield sorted(found, key=lambda turn: turn[1].gap)
 
     @abstractmethod
     def network(

@@ -13,6 +13,7 @@ import numpy as np
 from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, joined
+from twosra_mpc.planning.bounds.schedule import feasible_schedule
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import (
@@ -139,6 +140,9 @@ class GoalSolver:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
         problem, (guess, first) = self.problem, self._cheapest_guess(network, bound)
         yield first
+        at_once = np.zeros(network.layout.phases)
+        if first is None and feasible_schedule(network, at_once, problem) is None:
+            return  # no motion changes that
         starts = [guess]
         if not any(map(any, network.sequence)):
             going = turned_to_go(guess)  # all there is to do is to drive
