@@ -634,7 +634,7 @@ def test_defaults_filled_in_describe_the_same_problem() -> None:
     problem = load_problem("paper-1")
     scenario = problem.scenario()
     assert json.loads(json.dumps(scenario)) == scenario
-    assert set(scenario) == set(Problem.model_fields) - {"objects", "order"}  # only of missions
+    assert set(scenario) == set(Problem.model_fields) - {"objects", "order", "risk"}
     assert Problem(**scenario) == problem
 
 

@@ -31,6 +31,7 @@ SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertai
 _DECISION_WORK = 200.0  # units, a third of a second: commands go on meanwhile once a second
 _ROOM_WORK = 4000.0  # units, 6 s: for one that keeps more than is asked
 _MISSES = 1  # of a mode of several segments that are planned again in the same
+_SURELY = 0.99  # quantile of the time that is planned for once a joint bend has missed
 _MISSES_COUNTED = 3  # the same where plans count with them, and only what is bent last may miss
 
 
@@ -125,7 +126,7 @@ class Replanning:
 def what_is_left(run: Following) -> Problem | None:
     """What is left of a run's problem, from where it is; None while metal is in no known state.
 
-    Once a joint bend has missed, plans count with that as far as the robot's file says how it may;
+    Once a joint bend has missed, others are taken to miss wherever they may by the robot's file;
     and modes of several segments whose bends have missed often are avoided.
 
     Raises:
@@ -136,8 +137,8 @@ def what_is_left(run: Following) -> Problem | None:
         return None
     missed, (problem, q) = [mode for mode in run.missed if sum(mode) > 1], run.mission.rest()
     known = problem.only_time and problem.robot.uncertainty is not None
-    if missed and known and problem.risk == "nominal":
-        problem = problem.with_values(risk="mean")
+    if missed and known:
+        problem = problem.with_values(risk=_SURELY)
     most = _MISSES_COUNTED if known else _MISSES
     avoided = {mode for mode in missed if missed.count(mode) > most}
     left = remaining_problem(problem, q, metal, run.broken, len(run.missed), avoided)

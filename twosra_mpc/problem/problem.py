@@ -542,7 +542,7 @@ class Problem(Value):
     def scenario(self) -> dict[str, Any]:
         """The scenario as plain data with all defaults filled in (the robot by its name).
 
-        What only missions have, or starts amid a change, is left out where it is not used.
+        What only missions have, starts amid a change, or risks, is left out where it is not used.
         """
         found = self.model_dump(mode="json", exclude={"robot"})
         for table, key, unused in (
