@@ -314,7 +314,7 @@ def test_both_accounts_of_melting_agree(robot: str, warm: tuple[float, float]) -
             goal={"kappa_per_m": (5.0, 5.0)},
             transition_quantile=quantile,
         )
-        for j, least in enumerate(transition_model(problem).least):  # type: ignore[attr-defined]
+        for j, least in enumerate(transition_model(problem).start.least):  # type: ignore[attr-defined]
             own, soft = heat(problem, j), problem.start_mode[j]
             first = least.first_coasting_s if soft else least.first_lead_s
             assert float(own.first(1 - soft).lead) == pytest.approx(first, abs=1e-5)

@@ -30,7 +30,7 @@ def ends_of(problem: Problem, onset_s: float, held_s: float) -> tuple[float, flo
 
 
 def first_cycle(problem: Problem) -> FirstCycle:
-    return thermal_model(problem).least[0].first_cycle
+    return thermal_model(problem).start.least[0].first_cycle
 
 
 @pytest.mark.parametrize("held_s", [0.0, 20.0])
@@ -44,7 +44,7 @@ def test_whenever_a_segment_is_heated_first_its_bounds_hold(
     cycle = first_cycle(problem)
     for onset_s in np.geomspace(1.0, 400.0, 7).tolist():
         molten_s, freeze_s, solid_s = ends_of(problem, onset_s, held_s)
-        onset_s = max(onset_s, thermal_model(problem).least[0].first_lead_s)
+        onset_s = max(onset_s, thermal_model(problem).start.least[0].first_lead_s)
         assert cycle.molten_s(onset_s - 1e-6) <= molten_s + 1e-6
         for earlier_s in (0.0, 10.0, 100.0):
             since_s, share = freeze_s - earlier_s, 0.6

@@ -378,6 +378,7 @@ def test_every_ending_leaves_a_log(tmp_path: Path, kind: str) -> None:
     assert words in run.reason
     assert 28.0 < run.duration_s < 33.0
     assert run.log.wheel_rad_s.any()
+    assert sum(run.begun) > 0
     firmware.close()
 
 

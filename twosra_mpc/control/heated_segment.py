@@ -19,8 +19,7 @@ from twosra_mpc.control.stiffness import (
     WITHIN_S,
     KnownStiffness,
     StiffnessController,
-    clearly_rigid,
-    clearly_soft,
+    clearly,
     stiffness_controller,
     warm_setpoint_C,
 )
@@ -202,6 +201,4 @@ def _clearly(segment: HeatedSegment, moved_K: float) -> Stiffness | None:
     level, stays_s = model.level(state), 0.0
     if level > model.liquid_level:
         stays_s = model.time_until(state, 0.0, model.liquid_level)
-    if clearly_soft(stays_s, moved_K):
-        return "soft"
-    return "rigid" if clearly_rigid(level <= model.solid_level, moved_K) else None
+    return clearly(stays_s, level <= model.solid_level, moved_K)

@@ -245,14 +245,17 @@ def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRul
     return rule
 
 
-def clearly_soft(stays_liquid_s: float, moved_K: float) -> bool:
-    """True of metal that is liquid for as long without heat, if its reading moved by so much."""
-    return stays_liquid_s >= CLEARLY_S and moved_K >= MOVED_K
+def clearly(stays_liquid_s: float, solid: bool, moved_K: float) -> Stiffness | None:
+    """Stiffness to whoever knows the metal; None: that is not clear yet.
 
-
-def clearly_rigid(solid: bool, moved_K: float) -> bool:
-    """True of metal that is solid for sure, or not, if its reading moved by so much."""
-    return solid and moved_K <= -MOVED_K
+    Args:
+        stays_liquid_s: Time for which it is surely liquid without heat.
+        solid: True if it is surely solid.
+        moved_K: Rise of its reading within `WITHIN_S`.
+    """
+    if stays_liquid_s >= CLEARLY_S and moved_K >= MOVED_K:
+        return "soft"
+    return "rigid" if solid and moved_K <= -MOVED_K else None
 
 
 def warm_setpoint_C(robot: Robot, air_C: float) -> float:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.stiffness import KnownStiffness, clearly_rigid, clearly_soft
+from twosra_mpc.control.stiffness import KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
@@ -360,10 +360,9 @@ class Belief:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
         watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
         goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
-        if goes_on or clearly_soft(coasts_s, watch.moved_K):
-            return "soft"
-        if self.doubt is not None and clearly_rigid(watch.surely_solid, watch.moved_K):
-            return "rigid"
+        solid = self.doubt is not None and watch.surely_solid
+        if known := "soft" if goes_on else clearly(coasts_s, solid, watch.moved_K):
+            return known
         return "changing" if reported == "soft" and not watch.may_be_soft else reported
 
     def _note_changes(self) -> None:

@@ -286,8 +286,9 @@ class Following(PlanPolicy):
 
     def verdict(self, ending: Ending, reason: str) -> Verdict:
         """An ending of the run."""
-        begun = (*self._begun, self.course.begun)
-        return Verdict("optimal", ending, reason, tuple(self._plans), begun, *self.mission.account)
+        plans, begun = tuple(self._plans), (*self._begun, self.course.begun)
+        account = tuple(self.mission.done_s), self.mission.lost.total()
+        return Verdict("optimal", ending, reason, plans, begun, *account)
 
 
 class _DueTasks:

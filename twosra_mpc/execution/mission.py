@@ -142,11 +142,6 @@ class Mission:
             name = self.problem.objects[hold.object].name
             raise ObjectLostError(f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
 
-    @property
-    def account(self) -> tuple[tuple[float, ...], int]:
-        """Times when tasks were done, and how often objects were lost."""
-        return tuple(self.done_s), self.lost.total()
-
     def lose(self, words: str) -> int:
         """Have the object of this task grasped again: it is not held, or not where it was put.
 

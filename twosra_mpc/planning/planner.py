@@ -49,7 +49,7 @@ from twosra_mpc.timing import transition_model
 if TYPE_CHECKING:
     from twosra_mpc.planning.solver.placer import Placer
 
-_WORTH_S = 3.0  # better by less no plan is looked for in a run
+_WORTH_S = 10.0  # better by less no plan is looked for in a run: the NLP gains less than it takes
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5

@@ -243,11 +243,6 @@ class Thermal(TransitionModel):
         problem = self.problem
         return thermal_start(self.plans, problem.start_states, self.first, problem.heaters_at_once)
 
-    @property
-    def least(self) -> tuple[LeastTimes, ...]:
-        """Least times of each segment, whatever its history."""
-        return self.start.least
-
     def coasts(self, liquid: Dwell, other: Dwell) -> bool:
         return self.start.coasts(liquid, other)
 
