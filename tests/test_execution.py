@@ -450,7 +450,7 @@ def test_pulses_are_worth_the_command_on_average() -> None:
 
 def test_heaters_wait_for_the_phases_before_them() -> None:
     made = planned("paper-1", robot=ARC)  # [0,0] > [1,0] > [1,1]
-    course = Course(Belief(made.problem, Camera(), Patience()), made, Patience())
+    course = Course(Belief(made.problem, Camera(), Patience()), made)
     melt_2 = next(t for t in made.transitions if (t.segment, t.to) == (2, "soft"))
     end_s = made.samples.t_s[-1]
     off, soft, warm = 25.0, 65.0, course.warm_C
@@ -473,7 +473,7 @@ def test_heaters_wait_for_the_phases_before_them() -> None:
 
 def test_one_heater_at_a_time_is_kept() -> None:
     made = planned("paper-1", robot=ARC, heaters_at_once=1)
-    course = Course(Belief(made.problem, Camera(), Patience()), made, Patience())
+    course = Course(Belief(made.problem, Camera(), Patience()), made)
     for clock_s in np.linspace(0.0, made.samples.t_s[-1], 400):
         done = sum(phase.end_s <= clock_s for phase in made.phases)
         for before in (max(done - 1, 0), done):

@@ -57,6 +57,7 @@ class Belief:
     Attributes:
         problem: What was asked.
         camera: What sees the robot.
+        patience: How long it is waited for, and how near is near enough.
         reading: The last reading, with those of its frames that are believed.
         accuracy: How near to the goal is near enough.
         objects: Where objects are seen, if there are any.
@@ -91,7 +92,7 @@ class Belief:
         """
         robot, segments = problem.robot, range(problem.robot.coordinates.segments)
         start_C = problem.temperatures
-        self.problem, self.camera, self.guard, self._patience = problem, camera, guard, patience
+        self.problem, self.camera, self.guard, self.patience = problem, camera, guard, patience
         self.accuracy, self.goal = robot.ends_within, problem.judged_goal
         self.objects = ObjectsSeen(problem) if problem.objects else None
         self.doubt = Doubt(robot.geometry.lengths_m) if sighted else None
@@ -210,17 +211,17 @@ class Belief:
     @property
     def blind(self) -> bool:
         """True if no frame has come in for so long that the wheels must stand."""
-        return self.unseen_s > max(self._patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
+        return self.unseen_s > max(self.patience.blind_s, _BLIND_PERIODS * self.camera.period_s)
 
     @property
     def gives_up_seeing(self) -> bool:
         """True if no frame has come in for so long that none is waited for."""
-        return self.now_s - max(self._seen_s, self._begun_s) >= 2 * self._patience.unseen_s
+        return self.now_s - max(self._seen_s, self._begun_s) >= 2 * self.patience.unseen_s
 
     def sure(self, scale: Array) -> bool:
         """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
-        lately = self.unseen_s <= self._patience.unseen_s
-        return lately and bool((self.deviation <= self._patience.known * scale).all())
+        lately = self.unseen_s <= self.patience.unseen_s
+        return lately and bool((self.deviation <= self.patience.known * scale).all())
 
     def ending_unseen(self, left: bool) -> tuple[Ending, str]:
         """Ending of a run whose robot is not seen, or badly; ``left``: something is left to do."""
@@ -228,7 +229,7 @@ class Belief:
         if left or not self.accuracy.surely(self.error):
             return Ending.CAMERA_LOST, f"{self.unseen}; {where}"
         known = f"not seen for {self.unseen_s:z.1f} s"
-        if self.unseen_s <= self._patience.unseen_s:
+        if self.unseen_s <= self.patience.unseen_s:
             known = f"seen too badly, give or take {self.accuracy.describe(self.deviation)}"
         return Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
 
@@ -332,7 +333,7 @@ class Belief:
         if self.doubt is None or len(reading.frames) or not unread.all():
             self._heard_s = self.now_s
             self._watch()
-        elif (silent_s := self.now_s - self._heard_s) > self._patience.outage_s:
+        elif (silent_s := self.now_s - self._heard_s) > self.patience.outage_s:
             raise RobotError(f"the robot has been silent for {silent_s:z.0f} s")
 
     @property

@@ -22,7 +22,6 @@ from twosra_mpc.execution.guard import TooNearError
 from twosra_mpc.execution.robot_interface import Command, Reading
 from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
-from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 
@@ -113,17 +112,17 @@ class Looking:
         return rest(belief, belief.setpoint_C, _LOOK_PERIODS * belief.camera.period_s)
 
 
-def look_at_objects(belief: Belief, patience: Patience, then: Callable[[], Next]) -> Next:
+def look_at_objects(belief: Belief, then: Callable[[], Next]) -> Next:
     """A look at objects alone, if there are any."""
     if belief.objects is None:
         return then()
     belief.objects.forget()
-    return Looking(belief, np.zeros_like(belief.q), patience.objects_s, then)
+    return Looking(belief, np.zeros_like(belief.q), belief.patience.objects_s, then)
 
 
-def look_at_robot(belief: Belief, patience: Patience, then: Callable[[], Next]) -> Looking:
+def look_at_robot(belief: Belief, then: Callable[[], Next]) -> Looking:
     """A look at where the robot has come to."""
-    accuracy = belief.accuracy.scale(belief.problem.robot.coordinates)
+    patience, accuracy = belief.patience, belief.accuracy.scale(belief.problem.robot.coordinates)
     return Looking(belief, patience.certain * accuracy, patience.look_s, then)
 
 

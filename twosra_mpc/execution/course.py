@@ -16,7 +16,6 @@ import numpy as np
 from twosra_mpc.control.stiffness import warm_setpoint_C
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Activity, Next, Policy, rest
-from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
 from twosra_mpc.robot.coordinates import Array
@@ -35,9 +34,9 @@ class Course:
         done: How many phases have ended.
     """
 
-    def __init__(self, belief: Belief, plan: Plan, patience: Patience) -> None:
+    def __init__(self, belief: Belief, plan: Plan) -> None:
         """The robot is where the plan starts."""
-        self.belief, self.plan, self.patience = belief, plan, patience
+        self.belief, self.plan = belief, plan
         self.clock_s, self.done = 0.0, 0
         self._planned = -1.0, np.empty(0)
 
@@ -164,7 +163,7 @@ class Waiting:
             return policy.arrived(self._index)
         if (what := self._learnt()) and (other := policy.learnt(self._index, what)) is not None:
             return other
-        left_s, rest_s = until_s - course.clock_s, course.patience.rest_s
+        left_s, rest_s = until_s - course.clock_s, course.belief.patience.rest_s
         rest_s = min(left_s, rest_s) if left_s > SAME_TIME_S else rest_s
         return rest(course.belief, policy.setpoint_C, rest_s, course.planned)
 
@@ -178,7 +177,7 @@ class Waiting:
         segments = enumerate(mode)
         planned_s = [course.expected_s(j, "soft" if s else "rigid") for j, s in segments]
         waited_s = course.belief.now_s - self._begun_s - (until_s - self._from_s)
-        if self._late or waited_s <= course.patience.slow * max(planned_s):
+        if self._late or waited_s <= course.belief.patience.slow * max(planned_s):
             return ""
         self._late = True
         return f"{course.name(self._index)} is {waited_s:z.0f} s late"

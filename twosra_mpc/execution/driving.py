@@ -62,7 +62,7 @@ class Driving:
     def __init__(self, run: Following, index: int) -> None:
         """Begin a phase; the robot is in its mode."""
         self.run, self.index, self.belief = run, index, run.belief
-        self.course, self.patience, self.mission = run.course, run.patience, run.mission
+        self.course, self.patience, self.mission = run.course, run.belief.patience, run.mission
         plan = run.course.plan
         self.phase = plan.phases[index]
         self.rigid = is_rigid(self.phase.mode)

@@ -63,10 +63,10 @@ class Following(PlanPolicy):
         self, belief: Belief, plan: Plan, settings: ExecutorSettings, think: Think
     ) -> None:
         """The robot is where the plan starts."""
-        self.belief, self.settings, self.patience = belief, settings, settings.patience
+        self.belief, self.settings, self.patience = belief, settings, belief.patience
         self.problem, self.think, self.longest_s = plan.problem, think, settings.longest_s
         self.tracker = Tracker(plan.robot, rate_Hz=belief.camera.rate_Hz)
-        self.mission = Mission(belief, settings.patience, plan)
+        self.mission = Mission(belief, plan)
         self.broken, self.missed = set[int](), list[Mode]()
         self.clearance_m = settings.clearance_m if plan.problem.obstacles else 0.0
         self.near, self.during = "", "before the plan begins"
@@ -103,7 +103,7 @@ class Following(PlanPolicy):
         return Waiting(self, 0) if given else Replanning(self)
 
     def _follow(self, plan: Plan) -> None:
-        self.course = Course(self.belief, plan, self.patience)
+        self.course = Course(self.belief, plan)
         self.pulses = Pulses(self.settings.dead_zone_rad_s)
         self.tracker.reset(plan)
         self._stopped_s = -math.inf
@@ -126,7 +126,7 @@ class Following(PlanPolicy):
         """Drive a phase; after the last, look where the robot has come to."""
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
-            return look_at_robot(belief, self.patience, self._at_the_end)
+            return look_at_robot(belief, self._at_the_end)
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self.driving = Driving(self, index)
@@ -304,8 +304,7 @@ class _DueTasks:
         run, mission = self._run, self._run.mission
         while (task := mission.due(run.course.clock_s)) is not None:
             if task.rests and not self._looked:
-                at = run.belief, run.patience
-                return look_at_objects(*at, partial(look_at_robot, *at, self._on))
+                return look_at_objects(run.belief, partial(look_at_robot, run.belief, self._on))
             self._looked = False
             mission.judge()
         course, index = run.course, self._index

@@ -52,12 +52,12 @@ class Greedy:
 
     def begin(self) -> Activity:
         """Look before a mode is chosen."""
-        return look_at_robot(self.belief, self.settings.patience, self._chosen)
+        return look_at_robot(self.belief, self._chosen)
 
     def _chosen(self) -> Next:
         """Choose a mode, or end."""
         belief, where = self.belief, self.belief.where
-        if belief.unseen_s > self.settings.patience.unseen_s:
+        if belief.unseen_s > self.belief.patience.unseen_s:
             return self.verdict(*belief.ending_unseen(left=False))
         failed = [j for j in self._broken if self._problem.goal.mode[j - 1]]
         if failed:
@@ -132,7 +132,7 @@ class Greedy:
         self._doubted += 1
         if trouble.bends and not trouble.final and self._doubted <= self.settings.doubts:
             belief.tell("failure", str(trouble))  # one may be soft later than its sensor says
-            return Standing(self, self.settings.patience.melt_on_s)
+            return Standing(self, self.belief.patience.melt_on_s)
         ending = Ending.SENSOR_FAILED if trouble.bends else Ending.NOT_MOVING
         return self.verdict(ending, str(trouble))
 
@@ -164,7 +164,7 @@ class Standing:
         self._told = True
         soft = belief.setpoint_C >= belief.problem.robot.heater.soft_setpoint_C
         held_C = run.setpoint_C(tuple(soft.astype(int).tolist()))
-        return rest(belief, held_C, run.settings.patience.rest_s)
+        return rest(belief, held_C, belief.patience.rest_s)
 
 
 class Changing:
@@ -180,7 +180,7 @@ class Changing:
         run, belief = self._run, self._run.belief
         if belief.mode == self._mode:
             return self._then()
-        return rest(belief, run.setpoint_C(self._mode), run.settings.patience.rest_s)
+        return rest(belief, run.setpoint_C(self._mode), belief.patience.rest_s)
 
 
 class _Drive:

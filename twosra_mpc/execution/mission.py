@@ -15,7 +15,6 @@ import numpy as np
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
-from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -42,9 +41,9 @@ class Mission:
         trouble: What was lost last and not grasped since, in words; empty if nothing.
     """
 
-    def __init__(self, belief: Belief, patience: Patience, plan: Plan) -> None:
+    def __init__(self, belief: Belief, plan: Plan) -> None:
         """Begin with a plan of all tasks."""
-        self.belief, self._patience, self.problem = belief, patience, plan.problem
+        self.belief, self.problem = belief, plan.problem
         tasks, self.done_s = self.problem.tasks, list[float]()
         self.rests = bool(self.problem.objects) or any(task.rests for task in tasks)
         self.lost: Counter[str] = Counter()
@@ -122,7 +121,7 @@ class Mission:
         """
         task = self._left[0]
         if task.rests:
-            if self.belief.unseen_s > self._patience.unseen_s:
+            if self.belief.unseen_s > self.belief.patience.unseen_s:
                 raise UnseenError(self.belief.unseen)
             self.check_held()
         self._check(task)
@@ -324,7 +323,7 @@ class Mission:
             held = problem.objects[hold.object].at(hold.pose_in_b0)
             pieces = convex_parts(held.corners_m)
         world = world.with_values(obstacles=kept)
-        self.belief.guard = Guard(problem, self._patience, world, pieces)
+        self.belief.guard = Guard(problem, self.belief.patience, world, pieces)
 
 
 def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:

@@ -76,7 +76,7 @@ class Replanning:
             "rigid"
         }:  # no soft robot holds anything
             return self._cool()
-        return look_at_objects(belief, settings.patience, self._plan)
+        return look_at_objects(belief, self._plan)
 
     def _plan(self) -> Next:
         try:

@@ -12,7 +12,6 @@ from twosra_mpc.execution.controller import Activity, Next, Trouble, rest
 from twosra_mpc.execution.course import Course, PlanPolicy, Waiting
 from twosra_mpc.execution.robot_interface import Command
 from twosra_mpc.execution.run import Ending, Verdict
-from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
 from twosra_mpc.robot.coordinates import Array
@@ -56,9 +55,9 @@ class Playing(PlanPolicy):
 
     longest_s = math.inf
 
-    def __init__(self, belief: Belief, plan: Plan, patience: Patience, *, reports: bool) -> None:
+    def __init__(self, belief: Belief, plan: Plan, *, reports: bool) -> None:
         """The robot is where the plan starts."""
-        self.course, self._reports = Course(belief, plan, patience), reports
+        self.course, self._reports = Course(belief, plan), reports
         self.during = "before the plan begins"
 
     @property
@@ -116,7 +115,7 @@ class _Phase:
         ready = policy.ready(mode, course.clock_s)
         if not ready:
             setpoint_C = course.held(policy.setpoint_C, mode)
-            return rest(belief, setpoint_C, course.patience.rest_s, course.planned)
+            return rest(belief, setpoint_C, belief.patience.rest_s, course.planned)
         order = self._orders.pop(0)
         command = Command(
             policy.setpoint_C, belief.camera.period_s, order.wheel_rad_s, mode, course.planned

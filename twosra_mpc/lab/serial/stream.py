@@ -226,7 +226,7 @@ class _Stream:
         belief = Belief(
             self.plan.problem, robot.camera, robot.patience, sighted=False, reports=robot.reports
         )
-        policy = Playing(belief, self.plan, robot.patience, reports=robot.reports)
+        policy = Playing(belief, self.plan, reports=robot.reports)
         return run_controller(robot, Controller(belief, policy), self._tell)
 
     def _tracked(self, robot: SerialRobot, poses: PoseLines) -> Run:
