@@ -29,6 +29,7 @@ from twosra_mpc.problem.tolerances import (
     RATE_TOLERANCE,
     ROUNDING_M,
     STILL_RAD,
+    STRAIGHT_RAD,
 )
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
@@ -316,7 +317,9 @@ def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
         return margins
     begin, end = kappa[:-1].copy(), kappa[1:]
-    begin[begin[:, j] * end[:, j] < 0, j] = 0.0  # up to there it is straightened
+    straight = STRAIGHT_RAD / robot.body.geometry.lengths_m[j]
+    side = np.where(end[:, j] < 0, -1.0, 1.0)  # no spring pulls before it is left
+    begin[:, j] = side * np.maximum(side * begin[:, j], straight)
     ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
     small, large = np.sort(np.abs([one, other]), axis=0)
     crossed = (one * other < 0) & (small > LEVER_TOLERANCE)
@@ -344,7 +347,8 @@ def singular_bend(
     if np.ptp(bends) * robot.body.geometry.lengths_m[j] <= 2 * STILL_RAD:
         return None
     (low, high), left = _levers(robot, j, kappa - off_per_m, kappa + off_per_m)
-    against = np.sign(bends[-1] - bends[0]) * bends > off_per_m[j]
+    straight = off_per_m[j] + STRAIGHT_RAD / robot.body.geometry.lengths_m[j]
+    against = np.sign(bends[-1] - bends[0]) * bends > straight
     crosses = (low[against] > CERTAIN_LEVER).any() and (high[against] < -CERTAIN_LEVER).any()
     against[-1] |= ends
     if not crosses and left[against].min(initial=0.0) >= -CERTAIN_LEVER:
@@ -367,7 +371,7 @@ def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array
     bounds = np.array([each[j] for each in boxes])
     pushing = bounds * np.where(high[:, j] < 0, -1.0, 1.0)  # where negative, wheels pull
     bent = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0) * robot.body.geometry.lengths_m[j]
-    asked = (robot.body.limits.bend_lever or 0.0) * bent
+    asked = (robot.body.limits.bend_lever or 0.0) * np.maximum(bent - STRAIGHT_RAD, 0.0)
     return bounds, np.maximum(-pushing.min(axis=0), pushing.max(axis=0) - asked)
 
 
