@@ -7,6 +7,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -41,6 +42,7 @@ _ANGLES = np.arange(8) * np.pi / 8
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
 _SHARES = np.linspace(1.0, 0.0, 401)  # of a shape, on its way back
+_STATIONS = 41  # of what a spring resists on the way of a bend
 _CERTAIN_M = 1e-4  # of a gap: beyond what interpolating a shape can feign
 
 
@@ -343,15 +345,18 @@ def singular_bend(
     """
     if (j := _bent_alone(robot, mode)) is None:
         return None
-    bends = kappa[:, j]
-    if np.ptp(bends) * robot.body.geometry.lengths_m[j] <= 2 * STILL_RAD:
+    begin, end, length = kappa[0, j], kappa[-1, j], robot.body.geometry.lengths_m[j]
+    if abs(end - begin) * length <= 2 * STILL_RAD:
         return None
-    (low, high), left = _levers(robot, j, kappa - off_per_m, kappa + off_per_m)
-    straight = off_per_m[j] + STRAIGHT_RAD / robot.body.geometry.lengths_m[j]
-    against = np.sign(bends[-1] - bends[0]) * bends > straight
-    crosses = (low[against] > CERTAIN_LEVER).any() and (high[against] < -CERTAIN_LEVER).any()
-    against[-1] |= ends
-    if not crosses and left[against].min(initial=0.0) >= -CERTAIN_LEVER:
+    side = math.copysign(1.0, end - begin)
+    since = max(side * begin, STRAIGHT_RAD / length) + off_per_m[j]
+    passed = np.tile(kappa[-1], (_STATIONS, 1))
+    passed[:, j] = side * np.linspace(min(since, side * end), side * end, _STATIONS)
+    (low, high), left = _levers(robot, j, passed - off_per_m, passed + off_per_m)
+    crosses = low.max() > CERTAIN_LEVER and high.min() < -CERTAIN_LEVER
+    against = side * end > since
+    worst = left.min() if against else left[-1] if ends else 0.0
+    if worst >= -CERTAIN_LEVER and not (against and crosses):
         return None
     limit = robot.body.limits.bend_lever
     return f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
