@@ -31,6 +31,7 @@ from twosra_mpc.problem.tolerances import (
     LEVER_TOLERANCE,
     ROUNDING,
     STILL_RAD,
+    STRAIGHT_RAD,
     TIME_TOLERANCE_S,
     WHEEL_TOLERANCE_RAD_S,
 )
@@ -257,12 +258,12 @@ def _lever_margin(trajectory: Trajectory) -> float:
         shapes = np.tile(samples.q[first, POSE:], (len(way), 1))
         shapes[:, j] = way
         lever = bend_levers(robot, shapes, j)
-        pushing = lever * np.where(way < 0, -1.0, 1.0)
-        left = np.maximum(-pushing, pushing - robot.limits.bend_lever * length * np.abs(way))
+        pushing, bent = lever * np.where(way < 0, -1.0, 1.0), length * np.abs(way) - STRAIGHT_RAD
+        left = np.maximum(-pushing, pushing - robot.limits.bend_lever * np.maximum(bent, 0.0))
         both = np.sort(np.abs([lever[1:], lever[:-1]]), axis=0)
         crosses = (lever[1:] * lever[:-1] < 0) & (both[0] > LEVER_TOLERANCE)
         steps = np.where(crosses, -both[1], np.minimum(left[1:], left[:-1]))
-        against = way[:-1] * np.diff(way) > 0
+        against = (way[:-1] * np.diff(way) > 0) & (bent[:-1] > 0)
         margins += [float(left[-1]), float(steps[against].min(initial=np.inf))]
     return 0.0 if abs(min(margins)) <= LEVER_TOLERANCE else min(margins)
 

@@ -7,6 +7,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -30,6 +31,7 @@ from twosra_mpc.problem.tolerances import (
     RATE_TOLERANCE,
     ROUNDING_M,
     STILL_RAD,
+    STRAIGHT_RAD,
 )
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
@@ -41,6 +43,7 @@ _ANGLES = np.arange(8) * np.pi / 8
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
 _SHARES = np.linspace(1.0, 0.0, 401)  # of a shape, on its way back
+_STATIONS = 41  # of what a spring resists on the way of a bend
 _CERTAIN_M = 1e-4  # of a gap: beyond what interpolating a shape can feign
 
 
@@ -317,7 +320,9 @@ def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
         return margins
     begin, end = kappa[:-1].copy(), kappa[1:]
-    begin[begin[:, j] * end[:, j] < 0, j] = 0.0  # up to there it is straightened
+    straight = STRAIGHT_RAD / robot.body.geometry.lengths_m[j]
+    side = np.where(end[:, j] < 0, -1.0, 1.0)  # no spring pulls before it is left
+    begin[:, j] = side * np.maximum(side * begin[:, j], straight)
     ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
     small, large = np.sort(np.abs([one, other]), axis=0)
     crossed = (one * other < 0) & (small > LEVER_TOLERANCE)
@@ -341,14 +346,18 @@ def singular_bend(
     """
     if (j := _bent_alone(robot, mode)) is None:
         return None
-    bends = kappa[:, j]
-    if np.ptp(bends) * robot.body.geometry.lengths_m[j] <= 2 * STILL_RAD:
+    begin, end, length = kappa[0, j], kappa[-1, j], robot.body.geometry.lengths_m[j]
+    if abs(end - begin) * length <= 2 * STILL_RAD:
         return None
-    (low, high), left = _levers(robot, j, kappa - off_per_m, kappa + off_per_m)
-    against = np.sign(bends[-1] - bends[0]) * bends > off_per_m[j]
-    crosses = (low[against] > CERTAIN_LEVER).any() and (high[against] < -CERTAIN_LEVER).any()
-    against[-1] |= ends
-    if not crosses and left[against].min(initial=0.0) >= -CERTAIN_LEVER:
+    side = math.copysign(1.0, end - begin)
+    since = max(side * begin, STRAIGHT_RAD / length) + off_per_m[j]
+    passed = np.tile(kappa[-1], (_STATIONS, 1))
+    passed[:, j] = side * np.linspace(min(since, side * end), side * end, _STATIONS)
+    (low, high), left = _levers(robot, j, passed - off_per_m, passed + off_per_m)
+    crosses = low.max() > CERTAIN_LEVER and high.min() < -CERTAIN_LEVER
+    against = side * end > since
+    worst = left.min() if against else left[-1] if ends else 0.0
+    if worst >= -CERTAIN_LEVER and not (against and crosses):
         return None
     limit = robot.body.limits.bend_lever
     return f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
@@ -368,7 +377,7 @@ def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array
     bounds = np.array([each[j] for each in boxes])
     pushing = bounds * np.where(high[:, j] < 0, -1.0, 1.0)  # where negative, wheels pull
     bent = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0) * robot.body.geometry.lengths_m[j]
-    asked = (robot.body.limits.bend_lever or 0.0) * bent
+    asked = (robot.body.limits.bend_lever or 0.0) * np.maximum(bent - STRAIGHT_RAD, 0.0)
     return bounds, np.maximum(-pushing.min(axis=0), pushing.max(axis=0) - asked)
 
 
