@@ -73,36 +73,12 @@ def setpoints_csv(plan: Plan, rate_Hz: float | None = None) -> str:
         NoPlanError: If the plan is not verified.
         InputError: If the rate is not acceptable.
     """
-    return _csv(columns(plan.require().trajectory.held(rate_Hz)))
+    return csv_of(columns(plan.require().trajectory.held(rate_Hz)))
 
 
-def _csv(named: dict[str, Array]) -> str:
+def csv_of(named: dict[str, Array]) -> str:
     """Columns under their names; modes are whole numbers."""
     formats = ["%d" if column.dtype.kind == "i" else "%s" for column in named.values()]
     text, table = io.StringIO(), np.column_stack(list(named.values())) + 0.0
     np.savetxt(text, table, formats, delimiter=",", header=",".join(named), comments="")
     return text.getvalue()
-
-
-@public
-def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
-    """Write configuration, input and stiffness of a plan, one row a sample, atomically.
-
-    Units are SI: m, rad, 1/m, m/s, rad/s, s. Inputs and stiffness hold from their row to the next.
-
-    Args:
-        plan: The plan.
-        path: Where to write it.
-        rate_Hz: Rows per second, besides those where phases begin and end; default: the plan's
-            own grid.
-
-    Raises:
-        NoPlanError: If the plan is not verified.
-        InputError: If the rate or the path is not acceptable.
-    """
-    ending_of(path, ".csv")
-    samples = plan.require().trajectory.held(rate_Hz)
-    named = dict(zip(("x", "y", "angle"), samples.q.T, strict=False))
-    named |= _numbered("k{}", samples.q[:, POSE:])
-    named |= dict(zip(("v1", "v2", "u0", "v0", "r0"), samples.v.T, strict=True))
-    write_text(path, _csv({**named, **_numbered("s{}", samples.mode), "time": samples.t_s}))

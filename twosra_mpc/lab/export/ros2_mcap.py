@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.plan_file import refined
-from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.files import check_writable, data_file, write_bytes
 from twosra_mpc.installation import require
+from twosra_mpc.lab.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed
@@ -39,7 +39,7 @@ WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
 _RULE = f"{'=' * 80}\nMSG: "  # before each definition, as rosbag2 writes it
 _TYPES = dict(  # interface -> its fields
-    each.split("\n", 1) for each in data_file("export/interfaces.msg").split(_RULE)[1:]
+    each.split("\n", 1) for each in data_file("lab/export/interfaces.msg").split(_RULE)[1:]
 )
 
 _LATCHED = {"/robot_description", "/path", "/mode", "/surroundings"}
