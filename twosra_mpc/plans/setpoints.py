@@ -1,7 +1,4 @@
-"""The set-points of a plan as a table, on its own grid or at a regular rate, and as CSV.
-
-Logs do not repeat themselves: `changed` tells the rows that say something new.
-"""
+"""The set-points of a plan as a table, on its own grid or at a regular rate, and as CSV."""
 
 from __future__ import annotations
 
@@ -9,27 +6,13 @@ import io
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.files import ending_of, write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-
-
-def changed(table: Array, step: ArrayLike = 0.0) -> NDArray[np.bool_]:
-    """Rows that differ from the last one kept by more than ``step`` in any column; the first, too.
-
-    Args:
-        table: (rows, columns).
-        step: Largest difference that is not told, of each column.
-    """
-    new, kept = np.zeros(len(table), dtype=bool), np.full(table.shape[1], np.inf)
-    for row, values in enumerate(table):
-        if row == 0 or (np.abs(values - kept) > step).any():
-            new[row], kept = True, values
-    return new
 
 
 def columns(samples: Samples) -> dict[str, Array]:

@@ -29,7 +29,6 @@ from twosra_mpc.installation import require
 from twosra_mpc.lab.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import Object
@@ -101,8 +100,14 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
 
 
 def _news(table: Array, step: float = 0.0) -> NDArray[np.bool_]:
-    """Rows that say something new, and the last one: there the plan ends."""
-    new = changed(table, step)
+    """Rows of a table (rows, columns) that say something new, and the last one: the plan's end.
+
+    A row is new where it differs from the last new one by more than ``step`` in any column.
+    """
+    new, known = np.zeros(len(table), dtype=bool), np.full(table.shape[1], np.inf)
+    for row, values in enumerate(table):
+        if (np.abs(values - known) > step).any():
+            new[row], known = True, values
     new[-1] = True
     return new
 
