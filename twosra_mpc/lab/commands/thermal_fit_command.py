@@ -12,7 +12,7 @@ from tomlkit.items import AoT, Table
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, counting, digits, print_table
-from twosra_mpc.files import write_text
+from twosra_mpc.files import attributes, write_text
 from twosra_mpc.keys import describe
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
@@ -150,9 +150,7 @@ def _transition_document(fit: TransitionFit) -> dict[str, Any]:
                 "transition": each.logged.number,
                 "kind": each.logged.kind,
                 "logged_s": each.logged.duration_s,
-                "fitted_s": each.fitted_s,
-                "left_out_s": each.left_out_s,
-                "error": each.error,
+                **attributes(each, "fitted_s", "left_out_s", "error"),
             }
             for each in fit.predictions
         ],
@@ -191,12 +189,8 @@ def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
         "log": fit.source,
         "robot": fit.robot,
         "segment": fit.segment.model_dump(mode="json"),
-        "parameters": fit.parameters,
-        "standard_errors": fit.standard_errors,
-        "residuals": fit.residuals,
-        "held_out": fit.held_out,
-        "own_residuals": fit.own_residuals,
-        "held_out_rms_C": fit.held_out_rms_C,
+        **attributes(fit, "parameters", "standard_errors", "residuals", "held_out"),
+        **attributes(fit, "own_residuals", "held_out_rms_C"),
         "scores": _scores(scores),
     }
 
