@@ -22,7 +22,7 @@ from twosra_mpc.checking.plan_file import (
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.errors import MISSING, InputError
-from twosra_mpc.files import read_bytes, text_of
+from twosra_mpc.files import attributes, read_bytes, text_of
 from twosra_mpc.installation import require
 from twosra_mpc.plans.setpoints import save_setpoints
 
@@ -68,20 +68,13 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
             except InputError as error:
                 click.echo(f"twosra: {error}", err=True)
                 code = Exit.BAD_INPUT
+    documents = [
+        {"file": path, "verified": check.ok, "status": str(check.result.status)}
+        | attributes(check, "problems", "checks")
+        for path, check in checked.items()
+    ]
     if checked:
-        output.report(
-            lambda: [
-                {
-                    "file": path,
-                    "verified": check.ok,
-                    "status": str(check.result.status),
-                    "problems": check.problems,
-                    "checks": check.checks,
-                }
-                for path, check in checked.items()
-            ],
-            lambda: _print_verdicts(checked),
-        )
+        output.report(lambda: documents, lambda: _print_verdicts(checked))
     return code if all(check.ok for check in checked.values()) else Exit.NO_PLAN
 
 
