@@ -13,8 +13,8 @@ from conftest import Run
 from once import planned, solved
 
 from twosra_mpc import InputError
-from twosra_mpc.export.ros2_mcap import save_ros2_bag
-from twosra_mpc.plans.setpoints import save_authors_csv
+from twosra_mpc.lab.export.ros2_mcap import save_ros2_bag
+from twosra_mpc.lab.identification.motion_log import save_authors_csv
 
 # --- CSV -----------------------------------------------------------------------------------------
 

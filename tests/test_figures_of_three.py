@@ -16,8 +16,8 @@ from once import planned
 
 from twosra_mpc import Plan, Robot, load_robot
 from twosra_mpc.analysis.critical_path import activities, critical_path
+from twosra_mpc.lab.identification.motion_log import save_authors_csv
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.setpoints import save_authors_csv
 from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,

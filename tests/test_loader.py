@@ -123,7 +123,7 @@ def savers() -> list[Callable[..., None]]:
     """Functions ``save_...(plan, path)`` of the package."""
     found: dict[str, Callable[..., None]] = {}
     for name in MODULES:
-        if name.startswith(("export/", "plans/")):
+        if name.startswith(("lab/export/", "lab/identification/motion_log", "plans/")):
             module = import_module(f"twosra_mpc.{name[:-3].replace('/', '.')}")
             for key, value in vars(module).items():
                 if key.startswith("save_") and inspect.isfunction(value):

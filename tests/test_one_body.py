@@ -19,7 +19,7 @@ from twosra_mpc import InputError, Robot, load_plan, load_problem, load_robot, p
 from twosra_mpc.checking.clearance import Surroundings
 from twosra_mpc.checking.fibre import nearest
 from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.export.robot_chain import urdf
+from twosra_mpc.lab.export.robot_chain import urdf
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import outline_points, robot_shape
 from twosra_mpc.physics.mjcf import mjcf

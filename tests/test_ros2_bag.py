@@ -17,8 +17,8 @@ from mcap_ros2.decoder import DecoderFactory
 from once import planned
 
 from twosra_mpc import InputError, Plan, load_robot
-from twosra_mpc.export.robot_chain import angles, joints, urdf
-from twosra_mpc.export.ros2_mcap import TEMPERATURE_STEP_C, save_ros2_bag
+from twosra_mpc.lab.export.robot_chain import angles, joints, urdf
+from twosra_mpc.lab.export.ros2_mcap import TEMPERATURE_STEP_C, save_ros2_bag
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.robot.geometry import Geometry

@@ -60,7 +60,7 @@ ALLOWED = {
     "flint": CERTIFICATES,
     "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),
-    "mcap_ros2": ("export/",),
+    "mcap_ros2": ("lab/export/",),
     "dask": ("lab/batch/",),
     "distributed": ("lab/batch/",),
     "pyarrow": ("lab/batch/",),
@@ -122,7 +122,6 @@ STAGES = [
     ("execution/tracking/",),
     ("physics/",),
     ("execution/",),
-    ("export/",),
     ("plotting/",),
     ("report/",),
     ("__init__.py",),
@@ -331,9 +330,9 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 # 268 lines and a file prove the bounds of missions anew, what tasks ask being read there for a
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_684, 209
-MOST_LINES = 36_378
-MOST_LINES_OF_TESTS = 32_478
+MOST_CORE_LINES, MOST_CORE_FILES = 28_371, 209
+MOST_LINES = 36_129
+MOST_LINES_OF_TESTS = 32_476
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 291, 45  # paper-1, planned once before
 
 

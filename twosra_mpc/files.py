@@ -274,6 +274,11 @@ def differences(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, An
         yield name, before, now
 
 
+def attributes(value: object, *names: str) -> dict[str, Any]:
+    """Attributes of a value by their names: part of a document."""
+    return {name: getattr(value, name) for name in names}
+
+
 def check_writable(target: str | Path) -> None:
     """Refuse a path before an hour of planning is lost to it.
 

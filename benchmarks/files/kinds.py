@@ -28,8 +28,8 @@ from twosra_mpc.cli import main
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.batch.table import frame_of, write_table
+from twosra_mpc.lab.identification.motion_log import save_authors_csv
 from twosra_mpc.lab.identification.transition_fit import read_transitions
-from twosra_mpc.plans.setpoints import save_authors_csv
 
 _PACKAGE = Path(twosra_mpc.__file__).parent
 _LIMIT = ("--time-limit", "0.1")

@@ -240,10 +240,7 @@ def _sequences(made: Plan) -> set[ModeSequence]:
     """The complete mode sequences of a plan: by its phases alone, and with those left empty."""
     problem = made.problem
     passed = [mode for mode in _passed_modes(made) if mode in problem.modes]
-    return {
-        complete_sequence(moving_modes(made), problem),
-        complete_sequence(merged(passed), problem),
-    }
+    return {complete_sequence(each, problem) for each in (moving_modes(made), merged(passed))}
 
 
 def complete_sequence(modes: ModeSequence, problem: Problem) -> ModeSequence:

@@ -119,29 +119,20 @@ def new_command(kind: Kind, path: Path, source: str | None, force: bool, output:
 
 
 def _text(kind: Kind, source: str | None, name: str) -> str:
-    """Text of the new file."""
+    """Text of the new file; a robot that differs from a built-in one needs a name of its own."""
+    folder = _FOLDERS.get(kind)
+    names = files.built_in_names(folder) if folder else []
+    if source is not None and source not in names:
+        raise InputError("--from", source, f"one of {', '.join(names)}")
     if kind == "robot":
-        return _robot(source or _FIRST_ROBOT, name)
+        if name in names:
+            raise InputError("NAME", name, "a name that no built-in robot has")
+        document = robot_document(source or _FIRST_ROBOT)
+        document["name"] = name
+        return document.as_string()
     if source is None:
         return files.data_file(f"cli/new_{kind}.toml")
-    _check_built_in(source, kind)
     return files.read_text(files.locate(source, _FOLDERS["scenario"], "--from"), source)
-
-
-def _robot(source: str, name: str) -> str:
-    """Return a robot file under another name: one that differs from a built-in robot needs it."""
-    if name in files.built_in_names("robots"):
-        raise InputError("NAME", name, "a name that no built-in robot has")
-    _check_built_in(source, "robot")
-    document = robot_document(source)
-    document["name"] = name
-    return document.as_string()
-
-
-def _check_built_in(source: str, kind: Kind) -> None:
-    names = files.built_in_names(_FOLDERS[kind]) if kind in _FOLDERS else []
-    if source not in names:
-        raise InputError("--from", source, f"one of {', '.join(names)}")
 
 
 def _following(kind: Kind, path: Path, source: str | None) -> list[str]:

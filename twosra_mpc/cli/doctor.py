@@ -56,13 +56,9 @@ def doctor_command(output: Output) -> int:
             findings.append(finding)
             tell(f"checking: {finding.what} {finding.verdict}")
     failed = any(each.verdict == "FAIL" for each in findings)
-    output.report(
-        lambda: {"ok": not failed, "findings": findings},
-        lambda: print_table(
-            ("", "twosra doctor", "found"),
-            [(each.verdict, each.what, each.details) for each in findings],
-        ),
-    )
+    document, header = {"ok": not failed, "findings": findings}, ("", "twosra doctor", "found")
+    rows = [(each.verdict, each.what, each.details) for each in findings]
+    output.report(lambda: document, lambda: print_table(header, rows))
     return Exit.NO_PLAN if failed else Exit.PLANNED
 
 

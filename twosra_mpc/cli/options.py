@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -20,9 +20,6 @@ from twosra_mpc.installation import install_command
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
-
-if TYPE_CHECKING:  # CasADi takes a second
-    from twosra_mpc.plans.plan import Plan
 
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]
@@ -265,27 +262,3 @@ def rate_option(words: str, *, required: bool = False) -> Decorator:
 
     asked: dict[str, Any] = {"required": required, "callback": checked, "help": words}
     return click.option("--rate", "rate_Hz", type=float, metavar="HZ", **asked)
-
-
-ACCEPT_PAPER_WHEELS = click.option(
-    "--accept-paper-wheels", is_flag=True, help="Take the paper's wheel map as well."
-)
-
-
-def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
-    """Load a plan from a file.
-
-    Raises:
-        InputError: If its wheel speeds are the paper's, unless these are accepted.
-    """
-    from twosra_mpc.checking.plan_file import load_plan
-    from twosra_mpc.model.path_models import path_model  # CasADi takes a second
-
-    made = load_plan(source).require()
-    if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:
-        allowed = (
-            "a plan for 2sra-v1, or another robot of exact arcs, or --accept-paper-wheels:"
-            " without slip the paper's wheel map bends a robot by 17 to 48 % of what is planned"
-        )
-        raise InputError("robot.path.model", made.robot.path.model, allowed, str(source))
-    return made

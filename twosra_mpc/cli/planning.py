@@ -15,6 +15,7 @@ from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
+from twosra_mpc.files import attributes
 from twosra_mpc.installation import require
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
 from twosra_mpc.planning.planner import Progress, plan_until_interrupted
@@ -201,17 +202,14 @@ def _explanation(found: Explanation) -> dict[str, Any]:
             for one in found.hidden
         ],
         "tasks": [
-            {**vars(each), "duration_s": each.duration_s, "shares": each.shares}
-            for each in found.tasks
+            {**vars(each), **attributes(each, "duration_s", "shares")} for each in found.tasks
         ],
         "compared_s": others[0].original.cost.total if others else None,
         "alternatives": [
             {
                 "change": other.change,
                 "cost_s": other.plan and other.plan.cost.total,
-                "difference_s": other.difference_s,
-                "difference": other.difference,
-                "outcome": other.outcome,
+                **attributes(other, "difference_s", "difference", "outcome"),
                 "status": other.result and str(other.result.status),
                 "duration_s": other.plan and other.plan.duration_s,
             }
@@ -223,8 +221,8 @@ def _explanation(found: Explanation) -> dict[str, Any]:
 
 
 def _activity(item: Activity) -> dict[str, Any]:
-    keys = ("kind", "segments", "start_s", "end_s", "duration_s")
-    return {key: getattr(item, key) for key in keys} | {"words": str(item)}
+    known = attributes(item, "kind", "segments", "start_s", "end_s", "duration_s")
+    return {**known, "words": str(item)}
 
 
 def _print_explanation(found: Explanation) -> None:

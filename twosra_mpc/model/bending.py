@@ -295,15 +295,9 @@ def _corners(body: Body, low: Iterable[Array], high: Iterable[Array]) -> tuple[A
 
     On the grid of the inverse of W.
     """
-    tables = [inverse_table(body, j) for j in range(body.geometry.segments)]
-    least = [
-        kappa[np.searchsorted(table[1:-1], w)]
-        for w, (kappa, table) in zip(low, tables, strict=True)
-    ]
-    most = [
-        kappa[np.searchsorted(table[1:-1], w) + 1]
-        for w, (kappa, table) in zip(high, tables, strict=True)
-    ]
+    grids = [inverse_table(body, j) for j in range(body.geometry.segments)]
+    least = [k[np.searchsorted(at[1:-1], w)] for w, (k, at) in zip(low, grids, strict=True)]
+    most = [k[np.searchsorted(at[1:-1], w) + 1] for w, (k, at) in zip(high, grids, strict=True)]
     return np.array(least), np.array(most)
 
 

@@ -66,10 +66,8 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: TwoOrMore = 40) -> Rob
     n, rows = geometry.segments, at.reshape(-1, size)
     shapes = ((n, points, 2), (n + 1, 2, 2), (2, 4, 2), (4, 4, 2), (2, 3))
     columns = by_rows(_outline(geometry, points), rows)
-    parts = (
-        values.reshape(*at.shape[:-1], *shape)
-        for values, shape in zip(columns, shapes, strict=True)
-    )
+    placed_in = zip(columns, shapes, strict=True)
+    parts = (values.reshape(*at.shape[:-1], *shape) for values, shape in placed_in)
     return RobotShape(at[..., :2], *parts)
 
 

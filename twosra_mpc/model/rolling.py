@@ -14,6 +14,7 @@ model does not know (`Drift`).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import casadi as ca
@@ -71,6 +72,20 @@ def travelled(robot: Robot, mode: Mode, q: Array, displacement: Array) -> Array:
     """Angles that the wheels roll, (4,) [rad], for inputs times their duration, (5,)."""
     turned: Array = wheel_travel(robot.body)(q, displacement, mode).full().ravel()
     return turned
+
+
+def dragged(robot: Robot, q: Array, bent: Array, turned: Array) -> Array:
+    """Pose of b0, (3,), once the wheels have turned by ``turned`` (4,) [rad].
+
+    It moves so that they slip least while the curvatures change by ``bent`` (n,) [1/m], whatever
+    bends the fibre.
+    """
+    wheels = kinematics(robot).wheel_map(q[POSE:] + bent / 2).full()
+    told = turned - wheels[:, POSE:] @ bent
+    u, v, turn = np.linalg.lstsq(wheels[:, :POSE], told)[0]
+    c, s = math.cos(q[2] + turn / 2), math.sin(q[2] + turn / 2)
+    pose: Array = q[:POSE] + np.array([c * u - s * v, s * u + c * v, turn])
+    return pose
 
 
 def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.SX:

@@ -201,10 +201,8 @@ def _unit(body: Body, q: ca.SX, unit: int) -> Iterator[Part]:
     around = ca.vertcat(middle[:2], math.hypot(*(high - low) / 2))
     for (name, pose, size), inner in zip(boxes, (side * extents[..., 0]).min(axis=1), strict=True):
         yield _rigid(name, place, composed(end, ca.DM(pose)), size, around, inner >= -_BESIDE_M)
-    link, size = (
-        composed(end, ca.DM([side * outward, 0.0, 0.0])),
-        (outward, geometry.fibre_radius_m),
-    )
+    link = composed(end, ca.DM([side * outward, 0.0, 0.0]))
+    size = outward, geometry.fibre_radius_m
     around = ca.vertcat(link[:2], math.hypot(*size))
     yield _rigid(f"the link of unit {unit + 1}", place, link, size, around)
 
@@ -236,11 +234,8 @@ def _segment(body: Body, q: ca.SX, segment: int) -> Part:
     / 8 inside of it; it is no longer than ds (1 + abs(kappa) r).
     """
     geometry, radius = body.geometry, body.geometry.fibre_radius_m
-    length, most, kappa = (
-        geometry.lengths_m[segment],
-        body.limits.curvature_per_m,
-        q[POSE + segment],
-    )
+    length, kappa = geometry.lengths_m[segment], q[POSE + segment]
+    most = body.limits.curvature_per_m
     count = body.chords(segment)
     ds = length / count
     pose, step = fibre_poses(geometry, q, segment, ca.DM(0.5 / count)), arc(kappa, ca.DM(ds))

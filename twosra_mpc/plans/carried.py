@@ -97,15 +97,11 @@ def mission_document(trajectory: Trajectory) -> dict[str, Any]:
     problem = trajectory.problem
     done = zip(trajectory.done_s, trajectory.configuration(trajectory.done_s), strict=True)
     tasks = [
-        TaskDone(task.do, task.name, task.about, at_s, tuple(q.tolist()))
+        TaskDone(task.do, task.name, task.about, at_s, tuple(q.tolist()))._asdict()
         for task, (at_s, q) in zip(problem.tasks, done, strict=True)
     ]
-    held = [
-        CarriedObject(problem.objects[item.object].name, item.from_s, item.to_s, (x, y, phi))
-        for item in carried(trajectory)
-        for x, y, phi in [item.pose_in_b0.tolist()]
-    ]
-    return {
-        "tasks": [item._asdict() for item in tasks],
-        "carried": [item._asdict() for item in held],
-    }
+    held = []
+    for item in carried(trajectory):
+        name, (x, y, phi) = problem.objects[item.object].name, item.pose_in_b0.tolist()
+        held.append(CarriedObject(name, item.from_s, item.to_s, (x, y, phi))._asdict())
+    return {"tasks": tasks, "carried": held}

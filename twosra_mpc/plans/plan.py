@@ -78,10 +78,8 @@ class Verification(ArrayValue):
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as plain data; None for a number that is not finite."""
-        defect, *errors = (
-            number if math.isfinite(number) else None
-            for number in (self.max_defect, *self.goal_error)
-        )
+        numbers = (self.max_defect, *self.goal_error)
+        defect, *errors = (number if math.isfinite(number) else None for number in numbers)
         written = {"max_defect": defect, "goal_error": errors, "limits": dict(self.limits)}
         return {**vars(self), **written, "problems": list(self.problems)}
 

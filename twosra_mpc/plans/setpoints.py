@@ -1,7 +1,4 @@
-"""The set-points of a plan as a table, on its own grid or at a regular rate, and as CSV.
-
-Logs do not repeat themselves: `changed` tells the rows that say something new.
-"""
+"""The set-points of a plan as a table, on its own grid or at a regular rate, and as CSV."""
 
 from __future__ import annotations
 
@@ -9,27 +6,13 @@ import io
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.files import ending_of, write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-
-
-def changed(table: Array, step: ArrayLike = 0.0) -> NDArray[np.bool_]:
-    """Rows that differ from the last one kept by more than ``step`` in any column; the first, too.
-
-    Args:
-        table: (rows, columns).
-        step: Largest difference that is not told, of each column.
-    """
-    new, kept = np.zeros(len(table), dtype=bool), np.full(table.shape[1], np.inf)
-    for row, values in enumerate(table):
-        if row == 0 or (np.abs(values - kept) > step).any():
-            new[row], kept = True, values
-    return new
 
 
 def columns(samples: Samples) -> dict[str, Array]:
@@ -73,36 +56,12 @@ def setpoints_csv(plan: Plan, rate_Hz: float | None = None) -> str:
         NoPlanError: If the plan is not verified.
         InputError: If the rate is not acceptable.
     """
-    return _csv(columns(plan.require().trajectory.held(rate_Hz)))
+    return csv_of(columns(plan.require().trajectory.held(rate_Hz)))
 
 
-def _csv(named: dict[str, Array]) -> str:
+def csv_of(named: dict[str, Array]) -> str:
     """Columns under their names; modes are whole numbers."""
     formats = ["%d" if column.dtype.kind == "i" else "%s" for column in named.values()]
     text, table = io.StringIO(), np.column_stack(list(named.values())) + 0.0
     np.savetxt(text, table, formats, delimiter=",", header=",".join(named), comments="")
     return text.getvalue()
-
-
-@public
-def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
-    """Write configuration, input and stiffness of a plan, one row a sample, atomically.
-
-    Units are SI: m, rad, 1/m, m/s, rad/s, s. Inputs and stiffness hold from their row to the next.
-
-    Args:
-        plan: The plan.
-        path: Where to write it.
-        rate_Hz: Rows per second, besides those where phases begin and end; default: the plan's
-            own grid.
-
-    Raises:
-        NoPlanError: If the plan is not verified.
-        InputError: If the rate or the path is not acceptable.
-    """
-    ending_of(path, ".csv")
-    samples = plan.require().trajectory.held(rate_Hz)
-    named = dict(zip(("x", "y", "angle"), samples.q.T, strict=False))
-    named |= _numbered("k{}", samples.q[:, POSE:])
-    named |= dict(zip(("v1", "v2", "u0", "v0", "r0"), samples.v.T, strict=True))
-    write_text(path, _csv({**named, **_numbered("s{}", samples.mode), "time": samples.t_s}))

@@ -356,12 +356,7 @@ def _on_path(knots: Knots, times: Array, robot: Robot) -> Knots:
     t = np.concatenate([known, further])
     order = np.argsort(t, kind="stable")
     rows = np.concatenate([np.arange(len(known)), at])[order]
-    q, v, wheels = (
-        np.concatenate(each)[order]
-        for each in (
-            (q, between),
-            (v, later),
-            (wheels, wheel_speeds(robot, between, later, mode[at])),
-        )
-    )
+    turned = wheel_speeds(robot, between, later, mode[at])
+    both = (q, between), (v, later), (wheels, turned)
+    q, v, wheels = (np.concatenate(each)[order] for each in both)
     return t[order], q, v, a[rows], mode[rows], wheels

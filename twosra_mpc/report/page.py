@@ -79,12 +79,8 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
     """
     plan = result.plan
     templates = environment("report")
-    templates.filters |= {
-        "mode": mode_name,
-        "described": describe,
-        "percent": percent,
-        "seconds": _seconds,
-    }
+    templates.filters |= {"mode": mode_name, "described": describe, "percent": percent}
+    templates.filters["seconds"] = _seconds
     style = data_file("report/page.css")
     script = data_file("report/player.js") + data_file("report/page.js")
     return templates.get_template("page.html").render(
@@ -217,8 +213,6 @@ def commands(origin: Origin | None) -> str:
 def versions(origin: Origin | None) -> list[tuple[str, str]]:
     """Return (what, version) of everything that made the plan and the report."""
     rows = [("twosra-mpc that made the plan", origin.package)] if origin else []
-    rows += [
-        ("twosra-mpc that wrote this report", __version__),
-        ("Python", platform.python_version()),
-    ]
+    rows += [("twosra-mpc that wrote this report", __version__)]
+    rows += [("Python", platform.python_version())]
     return rows + [(name, version(name)) for name in _LIBRARIES]

@@ -17,7 +17,7 @@ from twosra_mpc.analysis.critical_path import critical_path
 from twosra_mpc.analysis.explanation import reasons
 from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names
+from twosra_mpc.files import attributes, built_in_names
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
 from twosra_mpc.planning.planner import plan
@@ -200,12 +200,9 @@ def told(result: Result, *, complete: bool) -> Record:
         why += f"{longest} is {share:z.0%} of the time"
     return record | {
         "sequence": sequence_name(made.sequence),
-        "duration_s": made.duration_s,
+        **attributes(made, "duration_s", "confirmed_s", "gap"),
+        **attributes(made.cost, "energy_J", "transitions"),
         "cost_s": made.cost.total,
-        "confirmed_s": made.confirmed_s,
-        "gap": made.gap,
-        "energy_J": made.cost.energy_J,
-        "transitions": made.cost.transitions,
         "why": why,
         "path": way_of(made),
     }

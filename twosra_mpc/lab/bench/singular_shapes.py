@@ -80,14 +80,8 @@ def _nearest_singular(robot: Robot, start: Array) -> Array | None:
         return np.append(rates, z[size:] @ z[size:] - 1)
 
     constraints: Any = [{"type": "eq", "fun": off}]
-    result = minimize(
-        norm,
-        begin,
-        method="SLSQP",
-        bounds=[(-1.0, 1.0)] * len(begin),
-        constraints=constraints,
-        tol=1e-12,
-    )
+    settings: Any = {"method": "SLSQP", "bounds": [(-1.0, 1.0)] * len(begin), "tol": 1e-12}
+    result = minimize(norm, begin, constraints=constraints, **settings)
     kappa: Array = limit * result.x[:size]
     return kappa if np.abs(off(result.x)).max() < _SINGULAR else None
 

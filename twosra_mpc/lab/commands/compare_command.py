@@ -11,6 +11,7 @@ import click
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
+from twosra_mpc.files import attributes
 from twosra_mpc.plans.plan import quality
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
@@ -92,11 +93,9 @@ def _record(name: str, result: Result, rivals: Sequence[Result]) -> dict[str, An
     cost, first = made.cost, rivals[0].plan
     return record | {
         "modes": made.sequence,
-        "duration_s": made.duration_s,
+        **attributes(made, "duration_s", "moving_s"),
+        **attributes(cost, "transitions", "energy_J"),
         "waiting_s": made.duration_s - made.moving_s,
-        "moving_s": made.moving_s,
-        "transitions": cost.transitions,
-        "energy_J": cost.energy_J,
         "cost_s": cost.total,
         "fastest_cost_s": made.fastest_cost,
         "search_gap": made.search_gap,

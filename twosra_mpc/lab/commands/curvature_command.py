@@ -133,16 +133,12 @@ def _print(found: list[list[Estimate]]) -> None:
     if any(math.isfinite(each.reference_per_m) for each in every):
         _print_deviations(of)
     else:
-        rows = [
-            (
-                each.path.name,
-                digits(each.published_per_m, 1),
-                digits(each.arc_per_m, 1),
-                digits(each.measured.arc.standard_error_per_m if each.measured else None, 1),
-            )
-            for each in every
-            if not each.refused
-        ]
+        rows = []
+        for each in every:
+            if each.measured:
+                error = each.measured.arc.standard_error_per_m
+                values = each.published_per_m, each.arc_per_m, error
+                rows.append((each.path.name, *(digits(value, 1) for value in values)))
         print_table(("picture", "published [1/m]", "arc [1/m]", "standard error"), rows)
     spread = of["published_mean_spread_per_m"]
     click.echo(

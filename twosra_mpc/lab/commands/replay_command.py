@@ -10,6 +10,7 @@ import click
 from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
 from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
+from twosra_mpc.files import attributes
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -85,14 +86,10 @@ def _document(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> dict[s
                 "start_s": phase.time_s[0],
                 "end_s": phase.time_s[-1],
                 "rows": len(phase.time_s),
-                "moved": phase.moved,
-                "error": phase.error,
-                "error_as_bent": phase.error_as_bent,
+                **attributes(phase, "moved", "error", "error_as_bent"),
                 "bend_rad": phase.bend_rad[-1],
                 "predicted_bend_rad": phase.predicted_bend_rad[-1],
-                "share": phase.share,
-                "pivot_rad_per_rad": phase.pivot_rad_per_rad,
-                "split": phase.split,
+                **attributes(phase, "share", "pivot_rad_per_rad", "split"),
                 **dict(zip(_RATES, phase.bend_rates_rad_s, strict=True)),
             }
             for phase in phases

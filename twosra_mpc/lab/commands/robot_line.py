@@ -1,16 +1,20 @@
-"""Line to a robot, for ``stream`` and ``jog``: its options, and its ending in words."""
+"""Line to a robot, for ``stream`` and ``jog``: its options, plans for it, its ending in words."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from pathlib import Path
 
 import click
 
+from twosra_mpc.checking.plan_file import load_plan
 from twosra_mpc.cli.output import Exit
 from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.lab.serial.port import SerialPort, open_serial_port
 from twosra_mpc.lab.serial.stream import SentLine
+from twosra_mpc.model.path_models import path_model
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.description import Robot
 
 PORT = click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")
@@ -19,6 +23,9 @@ ROBOT_ID = click.option(
     "--robot-id",
     type=click.IntRange(min=0),
     help="Sent at the end of each line, instead of the robot file's.",
+)
+ACCEPT_PAPER_WHEELS = click.option(
+    "--accept-paper-wheels", is_flag=True, help="Take the paper's wheel map as well."
 )
 
 
@@ -60,3 +67,19 @@ def exit_code_of(drive: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         click.echo("twosra: interrupted; wheels and heaters are off", err=True)
     return Exit.NO_PLAN
+
+
+def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
+    """Load a plan from a file.
+
+    Raises:
+        InputError: If its wheel speeds are the paper's, unless these are accepted.
+    """
+    made = load_plan(source).require()
+    if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:
+        allowed = (
+            "a plan for 2sra-v1, or another robot of exact arcs, or --accept-paper-wheels:"
+            " without slip the paper's wheel map bends a robot by 17 to 48 % of what is planned"
+        )
+        raise InputError("robot.path.model", made.robot.path.model, allowed, str(source))
+    return made

@@ -8,14 +8,7 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import (
-    ACCEPT_PAPER_WHEELS,
-    FILE,
-    command,
-    drivable_plan,
-    ending,
-    file_option,
-)
+from twosra_mpc.cli.options import FILE, command, ending, file_option
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.lab.commands import robot_line
@@ -30,7 +23,7 @@ from twosra_mpc.robot.modes import mode_name
 
 @command("stream")
 @click.argument("source", metavar="PLAN", type=FILE)
-@ACCEPT_PAPER_WHEELS
+@robot_line.ACCEPT_PAPER_WHEELS
 @robot_line.PORT
 @robot_line.DRY_RUN
 @click.option(
@@ -107,7 +100,7 @@ def stream_command(
         raise click.UsageError("--dry-run sends nothing: there is nothing to follow or to --log")
     if markers and not camera:
         raise click.UsageError("--markers says what the poses of --camera are of")
-    plan = drivable_plan(source, accept_paper_wheels=accept_paper_wheels)
+    plan = robot_line.drivable_plan(source, accept_paper_wheels=accept_paper_wheels)
     robot = robot_line.numbered(plan.robot, robot_id)
     problem = plan.problem.with_values(robot=robot)
     plan = replace(plan, trajectory=replace(plan.trajectory, problem=problem))

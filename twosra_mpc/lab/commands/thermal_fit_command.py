@@ -12,7 +12,8 @@ from tomlkit.items import AoT, Table
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, counting, digits, print_table
-from twosra_mpc.files import write_text
+from twosra_mpc.files import attributes, write_text
+from twosra_mpc.keys import describe
 from twosra_mpc.lab.identification import plausibility, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.log_fit import Residuals
@@ -32,16 +33,6 @@ Fit = TypeVar("Fit", thermal_fit.ThermalFit, TransitionFit)
 Outcome = tuple[Fit, TwoNodeSegment, list[str]]  # with the robot's own segment, and doubts
 
 _WARM_K = 1.0  # a first reading this far above the air is worth a word
-_NAMES = {
-    "power_K_per_s": "full power [K/s]",
-    "coupling_per_s": "core to body [1/s]",
-    "body_ratio": "heat of body / of core",
-    "body_loss_per_s": "body to air [1/s]",
-    "sensor_lag_s": "sensor lag, twice [s]",
-    "law_gain_per_K": "heater law: K_p [1/K]",
-    "law_duty_at_54C": "heater law: duty at 54 C",
-}
-
 _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
 
@@ -159,9 +150,7 @@ def _transition_document(fit: TransitionFit) -> dict[str, Any]:
                 "transition": each.logged.number,
                 "kind": each.logged.kind,
                 "logged_s": each.logged.duration_s,
-                "fitted_s": each.fitted_s,
-                "left_out_s": each.left_out_s,
-                "error": each.error,
+                **attributes(each, "fitted_s", "left_out_s", "error"),
             }
             for each in fit.predictions
         ],
@@ -173,7 +162,7 @@ def _print_transitions(fit: TransitionFit, own: TwoNodeSegment, doubts: list[str
     for name in fit.fitted:
         span = f"{fit.smallest[name]:z.4g} to {fit.largest[name]:z.4g}"
         known = f"{getattr(own, name):z.4g}"
-        rows.append((_NAMES[name], f"{getattr(fit.segment, name):z.4g}", span, known))
+        rows.append((describe(name), f"{getattr(fit.segment, name):z.4g}", span, known))
     print_table(("parameter", "identified", "with a part left out", f"in {fit.robot}"), rows)
     times = [
         (
@@ -200,12 +189,8 @@ def _document(fit: thermal_fit.ThermalFit, scores: Scores) -> dict[str, Any]:
         "log": fit.source,
         "robot": fit.robot,
         "segment": fit.segment.model_dump(mode="json"),
-        "parameters": fit.parameters,
-        "standard_errors": fit.standard_errors,
-        "residuals": fit.residuals,
-        "held_out": fit.held_out,
-        "own_residuals": fit.own_residuals,
-        "held_out_rms_C": fit.held_out_rms_C,
+        **attributes(fit, "parameters", "standard_errors", "residuals", "held_out"),
+        **attributes(fit, "own_residuals", "held_out_rms_C"),
         "scores": _scores(scores),
     }
 
@@ -260,7 +245,7 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
         )
         span = f"{low:z.4g} to {high:z.4g}" if fit.held_out else "-"
         known = f"{getattr(own, name):z.4g}" if name in thermal_fit.SEGMENT_FIELDS else "-"
-        rows.append((_NAMES[name], f"{value:z.4g}", f"{error:z.2g}", span, known))
+        rows.append((describe(name), f"{value:z.4g}", f"{error:z.2g}", span, known))
     fixed = f"{own.sensor_gain:z.4g}"
     rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
     header = ("parameter", "identified", "standard error", "without one cycle", f"in {fit.robot}")

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
 from twosra_mpc.lab.photographs.picture import WHITE, Camera, upsampled
-from twosra_mpc.lab.photographs.study import Estimate, Measured
+from twosra_mpc.lab.photographs.study import ESTIMATORS, Estimate, Measured, series
 from twosra_mpc.plotting import figures, plane
-from twosra_mpc.robot.coordinates import Array
 
 SHOWN = 5  # pictures, evenly by curvature
 TITLES = ("Photograph", "Contour", "Medial line", "Fitted arc")
@@ -126,15 +125,11 @@ def _bar(ax: Axes, camera: Camera) -> None:
 
 def draw_estimates(top: Axes, bottom: Axes, estimates: Sequence[Estimate]) -> None:
     """Draw both estimates over the references, and below how far off they are."""
-    reference = np.array([each.reference_per_m for each in estimates])
-    values: dict[str, Array] = {
-        "published": np.array([each.published_per_m for each in estimates]),
-        "arc": np.array([each.arc_per_m for each in estimates]),
-    }
-    limit = float(np.nanmax(np.abs(reference))) * 1.05
+    limit = 1.05 * float(np.nanmax([abs(each.reference_per_m) for each in estimates]))
     top.plot([-limit, limit], [-limit, limit], c="0.6", lw=0.8, zorder=0)
     bottom.axhline(0.0, c="0.6", lw=0.8, zorder=0)
-    for name, estimate in values.items():
+    for name in ESTIMATORS:
+        estimate, reference = series(estimates, name)
         off = estimate - reference
         mse = float(np.nanmean(off**2))
         top.plot(reference, estimate, ls="", label=f"{name}: MSE {mse:z.1f} 1/m²", **_LOOKS[name])

@@ -144,12 +144,8 @@ def _draw_cycle(ax: Axes, estimates: Sequence[Estimate]) -> None:
         )
     )
     place, colour = np.linspace(0.0, 1.0, len(mean)), figures.SEGMENT_COLOURS[2]
-    band: dict[str, Any] = {
-        "color": colour,
-        "alpha": 0.2,
-        "lw": 0,
-        "label": "its spread along the segment",
-    }
+    band: dict[str, Any] = {"color": colour, "alpha": 0.2, "lw": 0}
+    band["label"] = "its spread along the segment"
     ax.fill_between(place, mean - spread, mean + spread, **band)
     ax.plot(place, constant, c="0.1", lw=1.6, label="reference (constant curvature)")
     ax.plot(place, mean, c=colour, lw=1.6, ls="--", label="published steps, mean")

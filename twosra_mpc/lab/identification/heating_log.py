@@ -137,7 +137,7 @@ class HeatingLog(ReadOnlyArrays):
             raise self._refuse("ambient_C", self.ambient_C, "a finite number")
         coldest, hottest = float(self.despiked_C.min()), float(self.despiked_C.max())
         if coldest < self.ambient_C - COLDER_THAN_AIR_K:
-            allowed = f"at most the coldest reading, {coldest:zg} C; give it if the log starts warm"
+            allowed = f"at most the coldest reading ({coldest:zg} C); give it if a log starts warm"
             raise self._refuse("ambient_C", self.ambient_C, allowed)
         if hottest < self.ambient_C + LEAST_RISE_K:
             allowed = f"readings that rise {LEAST_RISE_K:zg} K above the air, {self.ambient_C:zg} C"

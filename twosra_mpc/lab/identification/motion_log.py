@@ -22,11 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError, doubt
-from twosra_mpc.files import LARGEST, reading
+from twosra_mpc.files import LARGEST, ending_of, reading, write_text
 from twosra_mpc.keys import doubts
 from twosra_mpc.lab.csv_table import finer_unit, number, read_csv
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.setpoints import csv_of
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -101,15 +104,42 @@ def read_motion_log(
         return _read(Path(path), robot, wheel_rad_s, mode)
 
 
+def _of_trial(segments: int) -> tuple[str, ...]:
+    """Columns of a trial before its time."""
+    curvatures, stiffness = ([f"{letter}{j + 1}" for j in range(segments)] for letter in "ks")
+    return ("x", "y", "angle", *curvatures, *_V, *stiffness)
+
+
+@public
+def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
+    """Write configuration, input and stiffness of a plan as a trial, one row a sample, atomically.
+
+    Units are SI: m, rad, 1/m, m/s, rad/s, s. Inputs and stiffness hold from their row to the next.
+
+    Args:
+        plan: The plan.
+        path: Where to write it.
+        rate_Hz: Rows per second, besides those where phases begin and end; default: the plan's
+            own grid.
+
+    Raises:
+        NoPlanError: If the plan is not verified.
+        InputError: If the rate or the path is not acceptable.
+    """
+    ending_of(path, ".csv")
+    held = plan.require().trajectory.held(rate_Hz)
+    columns = *held.q.T, *held.v.T, *held.mode.T
+    named = dict(zip(_of_trial(held.mode.shape[1]), columns, strict=True))
+    write_text(path, csv_of({**named, "time": held.t_s}))
+
+
 def _read(
     path: Path, robot: Robot, wheel_rad_s: Sequence[float] | None, mode: Mode | None
 ) -> MotionLog:
     segments = robot.coordinates.segments
-    curvatures, stiffness = ([f"{letter}{j + 1}" for j in range(segments)] for letter in "ks")
     table = read_csv(path, (), least_rows=0)
     wheels = "LU1 x" in table.names
-    trial = ("x", "y", "angle", *curvatures, *_V, *stiffness)
-    clock, wanted = ("time stamp", _UNITS) if wheels else ("time", trial)
+    clock, wanted = ("time stamp", _UNITS) if wheels else ("time", _of_trial(segments))
     table.check((clock, *wanted), LEAST_ROWS)
     source, values = table.source, table.numbers(*wanted)
     times = table.texts(clock)

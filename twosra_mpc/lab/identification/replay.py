@@ -14,8 +14,7 @@ import numpy as np
 
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.rolling import rolled, travelled
+from twosra_mpc.model.rolling import dragged, rolled, travelled
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -145,20 +144,6 @@ def _dragged(robot: Robot, mode: Mode, measured: Array, done: Array, by_wheels: 
             turned = travelled(robot, mode, middle, turned)
         states[row + 1, :POSE] = dragged(robot, here, bent, turned)
     return states
-
-
-def dragged(robot: Robot, q: Array, bent: Array, turned: Array) -> Array:
-    """Pose of b0, (3,), once the wheels have turned by ``turned`` (4,) [rad].
-
-    It moves so that they slip least while the curvatures change by ``bent`` (n,) [1/m], whatever
-    bends the fibre.
-    """
-    wheels = kinematics(robot).wheel_map(q[POSE:] + bent / 2).full()
-    told = turned - wheels[:, POSE:] @ bent
-    u, v, turn = np.linalg.lstsq(wheels[:, :POSE], told)[0]
-    c, s = math.cos(q[2] + turn / 2), math.sin(q[2] + turn / 2)
-    pose: Array = q[:POSE] + np.array([c * u - s * v, s * u + c * v, turn])
-    return pose
 
 
 def _within(robot: Robot, states: Array) -> Array:

@@ -418,13 +418,8 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
             allowed = f"at least {LEAST_OF_A_KIND} of a kind"
             raise InputError("kind", f"{len(of_kind)} of {kind}", allowed, source)
         told = [any(each.target) if kind == "melt" else not all(each.target) for each in of_kind]
-        rises = [
-            max(
-                (each.end_C[j] - each.begin_C[j]) * (1 if kind == "melt" else -1)
-                for j in range(len(each.target))
-            )
-            for each in of_kind
-        ]
+        sign = 1 if kind == "melt" else -1
+        rises = [(sign * np.subtract(each.end_C, each.begin_C)).max() for each in of_kind]
         if np.median(rises) < plausibility.LEAST_CHANGE_K or not all(told):
             value = f"{kind}: {np.median(rises):+z.3g} K in the right direction (median)"
             allowed = "rising readings in melts, falling ones in freezes: are labels swapped?"

@@ -155,22 +155,16 @@ def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], fol
         folder: Where the figures are.
     """
     style = data_file("report/page.css") + data_file(f"{_FOLDER}/paper.css")
-    return (
-        environment(_FOLDER)
-        .get_template("paper.html")
-        .render(
-            policy=policy(style, ""),
-            style=style,
-            sections=sections,
-            titles={section.name: section.title for section in sections},
-            verdicts={one.value: count for one, count in verdicts.items()},
-            look={one.value: one.name.lower() for one in Verdict},
-            shown=PAPER["shown"],
-            versions=versions(None),
-            pictures={
-                picture.file: b64encode((folder / picture.file).read_bytes()).decode()
-                for section in sections
-                for picture in section.pictures
-            },
-        )
+    names = [picture.file for section in sections for picture in section.pictures]
+    page = environment(_FOLDER).get_template("paper.html")
+    return page.render(
+        policy=policy(style, ""),
+        style=style,
+        sections=sections,
+        titles={section.name: section.title for section in sections},
+        verdicts={one.value: count for one, count in verdicts.items()},
+        look={one.value: one.name.lower() for one in Verdict},
+        shown=PAPER["shown"],
+        versions=versions(None),
+        pictures={name: b64encode((folder / name).read_bytes()).decode() for name in names},
     )

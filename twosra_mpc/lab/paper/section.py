@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from twosra_mpc.arguments import Word
-from twosra_mpc.files import data_file
+from twosra_mpc.files import attributes, data_file
 from twosra_mpc.robot.modes import sequence_name
 
 
@@ -113,15 +113,8 @@ class Claim:
 
     def document(self) -> dict[str, Any]:
         """The claim as plain data, verdicts and rules in words."""
-        readings = [
-            {
-                **asdict(one),
-                "difference": one.difference,
-                "rule": one.rule,
-                "verdict": str(one.verdict),
-            }
-            for one in self.readings
-        ]
+        worked_out = "difference", "rule", "verdict"
+        readings = [{**asdict(one), **attributes(one, *worked_out)} for one in self.readings]
         return {
             "claim": self.words,
             "where": self.where,

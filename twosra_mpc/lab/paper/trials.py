@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from twosra_mpc.files import attributes
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
@@ -73,13 +74,7 @@ def _log(log: MotionLog) -> Data:
 def _bends(log: MotionLog) -> list[Data]:
     """Ends of soft phases by the model, given the history of curvatures that was measured."""
     return [
-        {
-            "mode": one.mode,
-            "bend_rad": one.bend_rad[-1],
-            "error": error,
-            "moved": one.moved,
-            "split": one.split,
-        }
+        {"bend_rad": one.bend_rad[-1], "error": error, **attributes(one, "mode", "moved", "split")}
         for one in replay(log, load_robot("2sra-v1"))
         if (error := one.error_as_bent) is not None
     ]

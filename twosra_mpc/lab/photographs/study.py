@@ -115,13 +115,13 @@ def mean_of_cycles(values: Array, cycles: Sequence[slice]) -> Array:
     return np.mean(each, axis=0)
 
 
-def deviation(series: Sequence[tuple[Array, Array]]) -> Deviation:
+def deviation(folders: Sequence[tuple[Array, Array]]) -> Deviation:
     """Compare estimates with references.
 
     Args:
-        series: Estimates and references [1/m] of each folder, (n,) each; NaN is not known.
+        folders: Estimates and references [1/m] of each folder, (n,) each; NaN is not known.
     """
-    known = [(e[ok], r[ok]) for e, r in series if (ok := np.isfinite(e) & np.isfinite(r)).any()]
+    known = [(e[ok], r[ok]) for e, r in folders if (ok := np.isfinite(e) & np.isfinite(r)).any()]
     if not known:
         return Deviation(0, math.nan, math.nan, 0, math.nan)
     estimate, reference = (np.concatenate(each) for each in zip(*known, strict=True))
@@ -283,13 +283,13 @@ def summary(found: Sequence[Sequence[Estimate]]) -> dict[str, Any]:
         "median_scatter_m": float(np.median([each.arc.scatter_m for each in measured])),
         "median_standard_error_per_m": float(np.median(errors)),
         "deviations": {
-            name: deviation([_series(one, name) for one in found]) for name in ESTIMATORS
+            name: deviation([series(one, name) for one in found]) for name in ESTIMATORS
         },
-        "bands_mse_per_m2": {name: _by_band(*_series(every, name)) for name in ESTIMATORS},
+        "bands_mse_per_m2": {name: _by_band(*series(every, name)) for name in ESTIMATORS},
     }
 
 
-def _series(estimates: Sequence[Estimate], name: str) -> tuple[Array, Array]:
+def series(estimates: Sequence[Estimate], name: str) -> tuple[Array, Array]:
     """Estimates by one of the estimators, and references [1/m], (n,) each."""
     found = [getattr(each, ESTIMATORS[name]) for each in estimates]
     return np.array(found), np.array([each.reference_per_m for each in estimates])

@@ -113,7 +113,6 @@ class _Problem(NamedTuple):
     held: HeldFrames
     step_s: float
     forced: frozenset[int]
-    last_forced: int
     distance_limit: float
     max_iterations: int
 
@@ -160,7 +159,6 @@ def published_trajectory(
         held=held_frames(first),
         step_s=step_s,
         forced=forced,
-        last_forced=max(forced, default=-1),
         distance_limit=_DIVERGENCE_FACTOR * max(distance(first, target), 1.0),
         max_iterations=max_iterations,
     )
@@ -211,7 +209,7 @@ def _next_step(previous: _Step, time_s: float, iteration: int, problem: _Problem
         # The paper has 0, the simulations 1e-17. Coordinates above 0.125 cannot move by less than
         # 2.8e-17, so this asks whether the last bit of any of them still changes.
         stays = kept.moved > _STAGNATION
-        if iteration <= problem.last_forced:
+        if iteration <= max(problem.forced, default=-1):
             stays = iteration not in problem.forced
         if stays:
             return kept

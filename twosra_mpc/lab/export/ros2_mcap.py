@@ -24,12 +24,11 @@ from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.plan_file import refined
-from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.files import check_writable, data_file, write_bytes
 from twosra_mpc.installation import require
+from twosra_mpc.lab.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import Object
@@ -39,7 +38,7 @@ WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
 _RULE = f"{'=' * 80}\nMSG: "  # before each definition, as rosbag2 writes it
 _TYPES = dict(  # interface -> its fields
-    each.split("\n", 1) for each in data_file("export/interfaces.msg").split(_RULE)[1:]
+    each.split("\n", 1) for each in data_file("lab/export/interfaces.msg").split(_RULE)[1:]
 )
 
 _LATCHED = {"/robot_description", "/path", "/mode", "/surroundings"}
@@ -101,8 +100,14 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
 
 
 def _news(table: Array, step: float = 0.0) -> NDArray[np.bool_]:
-    """Rows that say something new, and the last one: there the plan ends."""
-    new = changed(table, step)
+    """Rows of a table (rows, columns) that say something new, and the last one: the plan's end.
+
+    A row is new where it differs from the last new one by more than ``step`` in any column.
+    """
+    new, known = np.zeros(len(table), dtype=bool), np.full(table.shape[1], np.inf)
+    for row, values in enumerate(table):
+        if (np.abs(values - known) > step).any():
+            new[row], known = True, values
     new[-1] = True
     return new
 

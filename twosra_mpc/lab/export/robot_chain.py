@@ -88,7 +88,7 @@ def angles(geometry: Geometry, q: Array, wheel_rad: Array) -> Array:
 
 def urdf(robot: Robot) -> str:
     """URDF of a robot: hinges of the segments and axles of the wheels, boxes to look at."""
-    templates, chain = environment("export"), joints(robot.geometry)
+    templates, chain = environment("lab/export"), joints(robot.geometry)
     templates.filters["n"] = lambda value: f"{value:z.12g}"
     known = {"name": robot.name, "geometry": robot.geometry, "base": BASE, "pi": math.pi}
     text = templates.get_template("robot.urdf").render(**known, joints=chain)

@@ -1,0 +1,87 @@
+"""``twosra export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from twosra_mpc.cli import options
+from twosra_mpc.cli.output import Output
+from twosra_mpc.files import read_document, write_text
+from twosra_mpc.lab.commands import robot_line
+from twosra_mpc.lab.export.robot_chain import urdf
+from twosra_mpc.lab.export.ros2_mcap import save_ros2_bag
+from twosra_mpc.lab.identification.motion_log import save_authors_csv
+from twosra_mpc.physics.mjcf import mjcf
+from twosra_mpc.problem.problem import load_problem, scenario_names
+from twosra_mpc.robot.description import Robot, load_robot
+
+
+def _world(source: str) -> tuple[Robot, str]:
+    """MJCF of the start of a scenario or a plan, or of a robot; what comes by a pipe is a robot."""
+    path = Path(source)
+    if source in scenario_names() or (
+        path.is_file() and {"start", "scenario"} & read_document(path, source).keys()
+    ):
+        problem = load_problem(source)
+        return problem.robot, mjcf(problem.robot, problem=problem)
+    return (robot := load_robot(source)), mjcf(robot)
+
+
+def _chain(source: str) -> tuple[Robot, str]:
+    """URDF of a robot."""
+    return (robot := load_robot(source)), urdf(robot)
+
+
+_OF_ROBOTS = {".xml": _world, ".urdf": _chain}
+_OF_PLANS = {".mcap": save_ros2_bag, ".csv": save_authors_csv}
+
+
+@options.command("export")
+@click.argument("source", metavar="PLAN|ROBOT|SCENARIO", **options.ROBOT)
+@robot_line.ACCEPT_PAPER_WHEELS
+@options.out_argument(options.ending(*_OF_PLANS, *_OF_ROBOTS))
+@options.rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
+def export_command(
+    source: str, accept_paper_wheels: bool, out: Path, rate_Hz: float | None, output: Output
+) -> None:
+    """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
+
+    Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open; or to
+    a .urdf file: a chain of short links for each segment, as RViz shows it. The MJCF of SCENARIO
+    has its obstacles and objects, metal as stiff as it is at the start, and the start as its key
+    frame.
+
+    MCAP is a bag for ROS 2, which Foxglove opens as well: JointState, TFMessage, Path, Temperature,
+    outlines of obstacles and objects, and the robot as URDF. Its clock is the plan's, from zero. It
+    needs mcap-ros2-support, and no ROS: {ros}
+
+    CSV has the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time.
+    Plans with the paper's wheel map are refused: without slip they bend it by 17 to 48 % of what is
+    planned.
+
+    \b
+    Play a plan at thirty frames a second (in Foxglove: open the file, add a 3D panel):
+      twosra plan paper-1 --out plan.json
+      twosra export plan.json plan.mcap --rate 30
+    The plan's own grid as the authors' scripts read it:
+      twosra export plan.json plan.csv
+    A robot with rolling wheels and a fibre of hinges, to play with:
+      twosra export 2sra-v1 robot.xml
+      python -m mujoco.viewer --mjcf=robot.xml
+    The same at the start of a scenario, among its objects:
+      twosra export pick-and-place world.xml
+    """
+    kind = out.suffix.lower()
+    if (write := _OF_ROBOTS.get(kind)) is not None:
+        described, text = write(source)
+        write_text(out, text)
+        output.record((described.name, "exported"), {"file": str(out), "robot": described.name})
+        return
+    plan = robot_line.drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
+    robot, duration_s = plan.robot.name, plan.duration_s
+    with output.progress(f"writing {out}"):
+        _OF_PLANS.get(kind, save_ros2_bag)(plan, out, rate_Hz)  # a pipe has no ending
+    document = {"file": str(out), "robot": robot, "duration_s": duration_s}
+    output.record((robot, "exported"), document)
