@@ -138,14 +138,8 @@ class Handling:
 
     def _touching(self, at: State, stage: Stage, shape: Goal, ends: Ends) -> Placement:
         """The stage that ends in touch with a thing: there it bends, and drives no more."""
-        return Placement(
-            stage,
-            shape,
-            at.world(self.problem, stage.touches),
-            ends=ends.poses,
-            within_m=ends.within_m,
-            drives_last=False,
-        )
+        made = Placement(stage, shape, at.world(self.problem, stage.touches), drives_last=False)
+        return replace(made, ends=ends.poses, within_m=ends.within_m)
 
     def _turned_as_asked(self, name: str) -> bool:
         """True if an object is to be carried to a heading."""
@@ -186,20 +180,13 @@ class Handling:
         if task.phi_rad is None:
             count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
-        poses = np.column_stack(
-            [np.full_like(headings, task.x_m), np.full_like(headings, task.y_m), headings]
-        )
+        poses = np.array([(task.x_m, task.y_m, heading) for heading in headings.tolist()])
         ends = composed(poses, inverse(hold.pose_in_b0))
         together = thing.disc is not None and task.phi_rad is None
+        within_m = step_rad * float(np.hypot(*hold.pose_in_b0[:2]))
+        made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held, may=may)
         for some in [ends] if together else [end[None] for end in ends]:
-            placement = Placement(
-                stage,
-                _shape(hold.kappa),
-                at.world(self.problem),
-                ends=some,
-                within_m=step_rad * float(np.hypot(*hold.pose_in_b0[:2])),
-            )
-            yield at.after(replace(placement, held=held, may=may))
+            yield at.after(replace(made, ends=some, within_m=within_m))
 
     def _released(self, stage: Stage, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""
@@ -210,16 +197,9 @@ class Handling:
             if hold.caged
             else [Anywhere(mode=self.problem.robot.rigid)]
         )
-        placement = Placement(
-            stage,
-            first,
-            free.world(self.problem, stage.touches),
-            drives_first=False,
-            reshapes=hold.caged,
-            openings=tuple(others),
-            away=free.world(self.problem),
-        )
-        yield free.after(placement)
+        made = Placement(stage, first, free.world(self.problem, stage.touches), drives_first=False)
+        made = replace(made, reshapes=hold.caged, openings=tuple(others))
+        yield free.after(replace(made, away=free.world(self.problem)))
 
     def _opened(self, kappa: Array, share: float) -> Goal:
         """Shapes in which bent segments have no more than a share of their curvature."""
