@@ -13,7 +13,7 @@ from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
-from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
@@ -124,9 +124,8 @@ class Handling:
             apart = thing.disc is not None and self._turned_as_asked(task.object)
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = at.after(replace(placement, ends=some))
-                where = composed(inverse(some[0]), at.poses[number]) if apart else None
-                pose_in_b0 = touch.pose_in_b0 if where is None else where
-                hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
+                there = composed(inverse(some[0]), at.poses[number]) if apart else touch.pose_in_b0
+                hold = Hold(number, touch.kappa, there, task.hold == "caged")
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
 
     def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
@@ -192,11 +191,9 @@ class Handling:
         """Let go: a caged object by opening all around it, by so much at least."""
         hold, free = at.hold, at._replace(hold=None)
         assert hold is not None, "checked with the problem"
-        first, *others = (
-            (self._opened(hold.kappa, share) for share in _OPEN)
-            if hold.caged
-            else [Anywhere(mode=self.problem.robot.rigid)]
-        )
+        anywhere: list[GoalSet] = [Anywhere(mode=self.problem.robot.rigid)]
+        opened = (self._opened(hold.kappa, share) for share in _OPEN)
+        first, *others = opened if hold.caged else anywhere
         made = Placement(stage, first, free.world(self.problem, stage.touches), drives_first=False)
         made = replace(made, reshapes=hold.caged, openings=tuple(others))
         yield free.after(replace(made, away=free.world(self.problem)))
@@ -254,11 +251,8 @@ def _no_grasp(task: Grasp, found: TouchSet) -> str:
     """Reason why an object cannot be held as asked."""
     if not found.touches:
         return f"nothing closes around {task.object}: {', '.join(found.refused)}"
-    wrap = math.degrees(found.best_wrap_rad)
-    return (
-        f"nothing cages {task.object}; the best touch embraces {wrap:z.0f} degrees of it: "
-        'ask for hold = "pushed"'
-    )
+    best = f"the best touch embraces {math.degrees(found.best_wrap_rad):z.0f} degrees of it"
+    return f'nothing cages {task.object}; {best}: ask for hold = "pushed"'
 
 
 HEADINGS = 24  # of the robot around a disc
