@@ -79,7 +79,7 @@ class Start(Value):
 
 
 _OF_SEGMENTS = ("temperature_C", "melt_fraction", "body_temperature_C")  # keys of a start
-_SAME_C = 1e-6  # temperatures that differ by rounding
+_SAME_C, _SAME_SHARE = 1e-6, 1e-8  # temperatures and melt fractions that differ by rounding
 _LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's duration
 
 
@@ -114,6 +114,16 @@ def _molten_at(thresholds_C: tuple[float, float], fraction: float) -> float:
     """Temperature at which so much of a segment's metal is molten [C]."""
     solid, liquid = thresholds_C
     return solid + fraction * (liquid - solid)
+
+
+def _nearest(value: float, ends: tuple[float, float], same: float) -> float:
+    """A value, or the one of two that it is but for rounding."""
+    return next((end for end in ends if abs(value - end) <= same), value)
+
+
+def _molten(now: float, solid: float, liquid: float) -> float:
+    """Share that is molten at a temperature, from 0 to 1."""
+    return 0.0 if now <= solid else 1.0 if now >= liquid else (now - solid) / (liquid - solid)
 
 
 AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
@@ -339,7 +349,7 @@ class Problem(Value):
                 yield InputError(f"start.melt_fraction.{j}", fraction, allowed)
             elif not low - _SAME_C <= now <= high + _SAME_C:
                 yield InputError(field, now, f"from {low:zg} to {high:zg} C (robot {name})")
-            elif fraction is None and solid == liquid and abs(now - solid) <= _SAME_C:
+            elif fraction is None and now == solid == liquid:
                 allowed = f"with start.melt_fraction: at {solid:zg} C metal may be solid or liquid"
                 yield InputError(field, now, allowed)
             elif fraction == 0.0 and now > solid + _SAME_C:
@@ -393,21 +403,23 @@ class Problem(Value):
 
     @cached_property
     def temperatures(self) -> Sequence[float]:
-        """Temperatures of the segments' metal at t = 0 [C]."""
-        if self.start.temperature_C is not None:
-            return self.start.temperature_C
-        each = zip(self.start.melt_fraction or self._unsaid, self.segment_thresholds_C, strict=True)
-        return tuple(_molten_at(span, share) if share else self.ambient for share, span in each)
+        """Temperatures of the segments' metal at t = 0, thresholds to rounding [C]."""
+        spans, shares = self.segment_thresholds_C, self.start.melt_fraction or self._unsaid
+        found = self.start.temperature_C or (
+            _molten_at(span, share) if share else self.ambient
+            for share, span in zip(shares, spans, strict=True)
+        )
+        return tuple(_nearest(now, span, _SAME_C) for now, span in zip(found, spans, strict=True))
 
     @cached_property
     def melt_fractions(self) -> Sequence[float]:
-        """Melt fraction of each segment at t = 0, from 0 (solid) to 1 (liquid)."""
-        if self.start.melt_fraction is not None:
-            return self.start.melt_fraction
-        each = zip(self.temperatures, self.segment_thresholds_C, strict=True)
+        """Melt fraction of each segment at t = 0: 0 where it is solid to rounding, 1 liquid."""
+        said = zip(self.start.melt_fraction or self._unsaid, self.temperatures, strict=True)
         return tuple(
-            0.0 if now <= solid else 1.0 if now >= liquid else (now - solid) / (liquid - solid)
-            for now, (solid, liquid) in each
+            _molten(now, *span)
+            if share is None or span[0] < span[1]
+            else _nearest(share, (0.0, 1.0), _SAME_SHARE)
+            for (share, now), span in zip(said, self.segment_thresholds_C, strict=True)
         )
 
     @cached_property

@@ -13,7 +13,7 @@ from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
-from twosra_mpc.problem.goals import Anywhere, Goal, Tolerance
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
@@ -124,9 +124,8 @@ class Handling:
             apart = thing.disc is not None and self._turned_as_asked(task.object)
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = at.after(replace(placement, ends=some))
-                where = composed(inverse(some[0]), at.poses[number]) if apart else None
-                pose_in_b0 = touch.pose_in_b0 if where is None else where
-                hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
+                there = composed(inverse(some[0]), at.poses[number]) if apart else touch.pose_in_b0
+                hold = Hold(number, touch.kappa, there, task.hold == "caged")
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
 
     def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
@@ -138,14 +137,8 @@ class Handling:
 
     def _touching(self, at: State, stage: Stage, shape: Goal, ends: Ends) -> Placement:
         """The stage that ends in touch with a thing: there it bends, and drives no more."""
-        return Placement(
-            stage,
-            shape,
-            at.world(self.problem, stage.touches),
-            ends=ends.poses,
-            within_m=ends.within_m,
-            drives_last=False,
-        )
+        made = Placement(stage, shape, at.world(self.problem, stage.touches), drives_last=False)
+        return replace(made, ends=ends.poses, within_m=ends.within_m)
 
     def _turned_as_asked(self, name: str) -> bool:
         """True if an object is to be carried to a heading."""
@@ -186,40 +179,24 @@ class Handling:
         if task.phi_rad is None:
             count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
-        poses = np.column_stack(
-            [np.full_like(headings, task.x_m), np.full_like(headings, task.y_m), headings]
-        )
+        poses = np.array([(task.x_m, task.y_m, heading) for heading in headings.tolist()])
         ends = composed(poses, inverse(hold.pose_in_b0))
         together = thing.disc is not None and task.phi_rad is None
+        within_m = step_rad * float(np.hypot(*hold.pose_in_b0[:2]))
+        made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held, may=may)
         for some in [ends] if together else [end[None] for end in ends]:
-            placement = Placement(
-                stage,
-                _shape(hold.kappa),
-                at.world(self.problem),
-                ends=some,
-                within_m=step_rad * float(np.hypot(*hold.pose_in_b0[:2])),
-            )
-            yield at.after(replace(placement, held=held, may=may))
+            yield at.after(replace(made, ends=some, within_m=within_m))
 
     def _released(self, stage: Stage, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""
         hold, free = at.hold, at._replace(hold=None)
         assert hold is not None, "checked with the problem"
-        first, *others = (
-            (self._opened(hold.kappa, share) for share in _OPEN)
-            if hold.caged
-            else [Anywhere(mode=self.problem.robot.rigid)]
-        )
-        placement = Placement(
-            stage,
-            first,
-            free.world(self.problem, stage.touches),
-            drives_first=False,
-            reshapes=hold.caged,
-            openings=tuple(others),
-            away=free.world(self.problem),
-        )
-        yield free.after(placement)
+        anywhere: list[GoalSet] = [Anywhere(mode=self.problem.robot.rigid)]
+        opened = (self._opened(hold.kappa, share) for share in _OPEN)
+        first, *others = opened if hold.caged else anywhere
+        made = Placement(stage, first, free.world(self.problem, stage.touches), drives_first=False)
+        made = replace(made, reshapes=hold.caged, openings=tuple(others))
+        yield free.after(replace(made, away=free.world(self.problem)))
 
     def _opened(self, kappa: Array, share: float) -> Goal:
         """Shapes in which bent segments have no more than a share of their curvature."""
@@ -274,11 +251,8 @@ def _no_grasp(task: Grasp, found: TouchSet) -> str:
     """Reason why an object cannot be held as asked."""
     if not found.touches:
         return f"nothing closes around {task.object}: {', '.join(found.refused)}"
-    wrap = math.degrees(found.best_wrap_rad)
-    return (
-        f"nothing cages {task.object}; the best touch embraces {wrap:z.0f} degrees of it: "
-        'ask for hold = "pushed"'
-    )
+    best = f"the best touch embraces {math.degrees(found.best_wrap_rad):z.0f} degrees of it"
+    return f'nothing cages {task.object}; {best}: ask for hold = "pushed"'
 
 
 HEADINGS = 24  # of the robot around a disc

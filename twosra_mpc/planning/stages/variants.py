@@ -102,13 +102,9 @@ class Variant:
         problem = self.problem
         if stage.goal is problem.goal and stage.passes == problem.tasks and not problem.objects:
             return problem
-        return problem.with_values(
-            start=problem.start.with_values(holding=None),
-            goal=stage.goal,
-            tasks=stage.passes,
-            objects=(),
-            obstacles=stage.world.obstacles,
-        )
+        start, around = problem.start.with_values(holding=None), stage.world.obstacles
+        asked = {"goal": stage.goal, "tasks": stage.passes}
+        return problem.with_values(start=start, **asked, objects=(), obstacles=around)
 
     @cached_property
     def aimed(self) -> Variant:
