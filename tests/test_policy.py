@@ -19,8 +19,8 @@ from twosra_mpc.effort import Ending
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched
 from twosra_mpc.planning.policy import AT_ONCE, RELYING, Sequences, at_once, miss, relies
-from twosra_mpc.plans.policy import priced
-from twosra_mpc.robot.uncertainty import JointBend, Uncertainty
+from twosra_mpc.plans.branches import priced
+from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
 
 ROBOT = load_robot("2sra-v1")
 KNOWN = ROBOT.with_values(uncertainty=None)
