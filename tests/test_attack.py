@@ -18,6 +18,7 @@ from benchmarks.attack.motion import Phase, random_phase
 from benchmarks.attack.trial import claims, planned
 from benchmarks.studies import forgery
 from twosra_mpc import Goal, Problem, Robot, Start
+from twosra_mpc.checking.body import bend_levers
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.search.nodes import Node
@@ -48,6 +49,9 @@ def test_the_attackers_kinematics_is_that_of_the_model(name: str) -> None:
         room = reference.room_m(kappa) - robot.limits.unit_gap_m
         assert room == pytest.approx(margins["unit_gap_m"][0], abs=1e-9)
         assert reference.steady(kappa) == (margins["wheel_independence"][0] >= 0)
+        for j in range(len(kappa)):
+            levers = bend_levers(robot, kappa[None], j)
+            assert reference.lever(kappa, j) == pytest.approx(levers[0], abs=1e-9)
         for mode in robot.modes:
             jacobian, wheels = (
                 f(q, mode).full() for f in (compiled.jacobian, compiled.wheel_matrix)

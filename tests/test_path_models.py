@@ -189,6 +189,7 @@ def test_the_follow_up_robot_is_planned_for() -> None:
 def test_a_narrow_dip_of_the_gap_on_the_way_of_a_bend_is_found() -> None:
     """Wheels overlap the other unit for a moment, and 41 shapes on the way miss it."""
     robot = load_robot("2sra-v1")
+    robot = robot.with_values(limits=robot.limits.with_values(bend_lever=None))
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(-31.0, 29.5))
     goal = Goal(kappa_per_m=(57.3, 29.5))
     task, facts = bending_task(Problem(robot=robot, start=start, goal=goal)), bending(robot)
@@ -200,5 +201,5 @@ def test_a_narrow_dip_of_the_gap_on_the_way_of_a_bend_is_found() -> None:
     ]
     assert any(broken_by_shapes(robot, way) is not None for way in ways)
     assert most_gaps_m(robot, facts.shapes_on_the_way(SOFT_1, before, bend)[0]).min() >= 0
-    assert task.forbidden(SOFT_1, before, bend) is not None
-    assert task.forbidden(SOFT_1, before, 0.8 * bend) is None
+    assert task.forbidden(SOFT_1, before, bend, bend) is not None
+    assert task.forbidden(SOFT_1, before, 0.8 * bend, bend) is None

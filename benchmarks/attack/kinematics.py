@@ -22,6 +22,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode
 
 _SPARE_M = 1e-3  # of parts: outlines that planners keep apart are a little wider than they are
+_SPARE_LEVER = 0.02
 _SMALL = 0.4  # rad: below, E is a series
 _TERMS = 14
 _COEFFICIENTS = [1j**k / math.factorial(k + 1) for k in range(_TERMS)]
@@ -244,3 +245,33 @@ class Reference:
         gram = rolled.T @ rolled
         least = 2 * math.sqrt(max(0.0, float(np.linalg.det(gram)))) / float(np.trace(gram))
         return least >= self.robot.limits.wheel_independence
+
+    def holds(self, path: Array, mode: Mode) -> bool:
+        """Whether wheels bend a segment that is soft alone along shapes (m, n), and hold it then.
+
+        A little more than the limit ``bend_lever`` asks for.
+        """
+        least, j = self.robot.limits.bend_lever, mode.index(1)
+        if least is None or sum(mode) > 1:
+            return True
+        levers = np.array([self.lever(kappa, j) for kappa in path])
+        bent = path[:, j] * self.lengths[j]
+        away = np.append(np.diff(np.abs(bent)) > 0, True)
+        pushing = levers * np.where(bent < 0, -1.0, 1.0)
+        kept = np.maximum(-pushing, pushing - least * np.abs(bent)) >= _SPARE_LEVER
+        same = np.append((levers[1:] > 0) == (levers[:-1] > 0), True)
+        return bool((kept[away].all()) and same[away].all())
+
+    def lever(self, kappa: Array, j: int) -> float:
+        """How far the points come together about which units turn, per angle, in lengths of j."""
+        _, end = self.chain(kappa, np.eye(len(kappa))[j], 1)
+        one, two = (_meeting(*self.wheels[first : first + 2]) for first in (0, 2))
+        far = end.along(two)
+        apart = far.z - one
+        return -float((far.dz * apart.conjugate()).real) / abs(apart) / self.lengths[j]
+
+
+def _meeting(one: tuple[complex, complex], other: tuple[complex, complex]) -> complex:
+    """Where the lines through two wheels along their drive directions meet."""
+    across = ((other[0] - one[0]) * other[1].conjugate()).imag
+    return one[0] + one[1] * across / (one[1] * other[1].conjugate()).imag

@@ -104,6 +104,8 @@ def _travelled(
         return None
     if not all(reference.clear(kappa) for kappa in path[::4, POSE:]):
         return None
+    if not reference.holds(path[:, POSE:], mode):
+        return None
     bent, turned = (np.array(part) for part in zip(*map(rates, path), strict=True))
     shares = [np.abs(turned) / limits.wheel_speed_rad_s]
     shares.append(np.full((len(path), 1), np.abs(direction).max() / limits.unit_speed_m_s))

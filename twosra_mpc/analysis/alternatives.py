@@ -18,6 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
+from twosra_mpc.problem.limits import BEND_LEVER
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Task, orders
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
@@ -79,7 +80,8 @@ class Alternative:
         if more_s is None:
             return ""
         if more_s < -_SAME_S:
-            return f"{-more_s:z.2f} s less: this plan is not the best"
+            easier = self.plan is not None and self.plan.robot != self.original.robot
+            return f"{-more_s:z.2f} s less{'' if easier else ': this plan is not the best'}"
         percent = 100 * (self.difference or 0.0)
         digits = 1 if abs(percent) >= 1 else 3
         return f"{more_s:+z.2f} s ({percent:+z.{digits}f} %)"
@@ -117,6 +119,14 @@ def alternatives(
             yield Alternative(change, "", original, plan_until_interrupted(changed))
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)
+    robot, change = original.robot, f"without the limit {BEND_LEVER.name}"
+    if robot.limits.bend_lever is not None and not problem.obstacles:
+        tell(change)
+        bold = robot.with_values(limits=robot.limits.with_values(bend_lever=None))
+        found = plan_until_interrupted(original.problem.with_values(robot=bold))
+        other = Alternative(change, "wheels would have to bend and hold", original, found)
+        if found.ending is Ending.INTERRUPTED or (other.difference_s or 0.0) < -_SAME_S:
+            yield other
 
 
 def orders_not_planned(made: Plan) -> list[tuple[Task, ...]]:

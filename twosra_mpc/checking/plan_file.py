@@ -146,6 +146,9 @@ def checked_text(text: str, source: str, robot: Robot | None = None) -> PlanChec
 def _check_claims(
     result: Result, plan: Plan, document: dict[str, Any], robot: Robot | None
 ) -> PlanCheck:
+    if "bend_lever" not in document["robot"]["limits"]:  # a file of before it was limited
+        plan = _with_lever(plan, robot)
+        result = replace(result, plan=plan)
     found, cost = examine(plan.trajectory), cost_of(plan.trajectory)
     costed = replace(plan, cost=cost)  # what is compared follows from the samples
     claims = (
@@ -162,6 +165,18 @@ def _check_claims(
     false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
     rules = _rules(plan.robot.coordinates, found)
     return PlanCheck(result, (*rules, *claims), (*found.verification.problems, *false))
+
+
+def _with_lever(plan: Plan, known: Robot | None) -> Plan:
+    """The plan for a robot that has the ``bend_lever`` that is known of it today."""
+    own = plan.robot
+    if known is None and own.name in robot_names():
+        known = load_robot(own.name)
+    if known is None:
+        return plan
+    limits = own.limits.with_values(bend_lever=known.limits.bend_lever)
+    problem = plan.problem.with_values(robot=own.with_values(limits=limits))
+    return replace(plan, trajectory=replace(plan.trajectory, problem=problem))
 
 
 def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:

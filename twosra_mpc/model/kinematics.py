@@ -31,7 +31,6 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
-_SPANNED = 1e-12  # m2: squared volume that rigid motions span, where they are not independent
 
 
 class ModelFunction(ca.Function):
@@ -261,21 +260,25 @@ def exact_wheel_map(geometry: Geometry) -> ca.Function:
     return ca.Function("W", [kappa], [rows], ["kappa"], ["W"])
 
 
-def bend_levers(geometry: Geometry, kappa: ca.SX) -> ca.SX:
-    """Lever of the wheels on each segment if it alone is soft, signed, (n,), in its lengths.
+@per_body()
+def bend_levers(body: Body) -> ca.Function:
+    """Kappa (n,) -> lever of the wheels on each segment if it alone is soft, (n,), in its lengths.
 
-    How far wheels roll per angle by which it bends, other than in any rigid motion: its column of W
-    along the normal of the rigid ones. Where that is zero, four wheels do not determine these four
-    motions, and beyond it the sign is another.
+    Wheels that stand leave each unit a turn about the point where their drive directions meet. The
+    lever is how far a bend brings these two points together, per angle: by it their force bends the
+    segment. Where it is zero, its column of W depends on the rigid ones. Where it has the sign of
+    the bend, the spring of the segment pushes the points apart, and buckles if that takes much.
     """
-    matrix = exact_wheel_map(geometry)(kappa) * geometry.wheel_radius_m
-    others = [[k for k in range(WHEELS) if k != wheel] for wheel in range(WHEELS)]
-    normal = [
-        (-1) ** (wheel + 1) * ca.det(matrix[rows, :POSE]) for wheel, rows in enumerate(others)
-    ]
-    size = ca.sqrt(sum(each**2 for each in normal) + _SPANNED)
-    bends = matrix[:, POSE:].T @ ca.vertcat(*normal)
-    return bends / size / ca.DM(geometry.lengths_m) ** 2
+    geometry, kappa = body.geometry, ca.SX.sym("kappa", body.geometry.segments)
+    poses, points = wheel_pose_matrix(geometry, ca.vertcat(0, 0, 0, kappa)), []
+    for i in (0, 2):
+        (x, y, psi), (x2, y2, psi2) = geometry.wheel_placement[i : i + 2]
+        across = (x2 - x) * math.sin(psi2) - (y2 - y) * math.cos(psi2)
+        along = ca.vertcat(ca.cos(poses[2, i]), ca.sin(poses[2, i]))
+        points.append(poses[:2, i] + across / math.sin(psi2 - psi) * along)
+    closer = -ca.gradient(ca.norm_2(points[1] - points[0]), kappa)
+    levers = closer / ca.DM(geometry.lengths_m) ** 2
+    return ca.Function("levers", [kappa], [ca.densify(levers)], {"cse": True})
 
 
 def wheel_independence(geometry: Geometry, kappa: ca.SX) -> ca.SX:

@@ -27,11 +27,9 @@ from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
     CURVATURE,
-    bent_alone,
     most_gaps_m,
     overlap_in_words,
-    singular_in_words,
-    surely_singular,
+    singular_bend,
 )
 from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.problem.speeds import (
@@ -48,6 +46,7 @@ from twosra_mpc.timing import TransitionModel, transition_model
 
 _CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
 _NARROW_PER_M = 3.0  # half-width of a box of shapes whose bends are looked at more closely
+_SAME_BEND = 1e-3  # share by which bends differ that end in the same shape
 _MOST_TO_ANY = 3  # phases of a stage of several that may end in any stiffness
 
 Box = tuple[Array, Array]
@@ -211,17 +210,11 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
     asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
     def forbidden(mode: Mode, before: Intervals, bend: float, most: float) -> str | None:
-        if bent_alone(problem.robot, mode) is not None:
-            ends = [
-                (low + soft * min(bend, most), high + soft * max(bend, most))
-                for soft, (low, high) in zip(mode, before, strict=True)
-            ]
-            ways = (facts.shapes_on_the_way(mode, *way) for way in ((before, bend), (ends, 0.0)))
-            if surely_singular(problem.robot, mode, *ways):
-                return singular_in_words(problem.robot, mode)
-        begin, end = 0.0, bend
-        for _ in range(_LOOKS):
+        begin, end, ends = 0.0, bend, abs(most - bend) <= _SAME_BEND * abs(bend)
+        for look in range(_LOOKS):
             shapes = facts.shapes_on_the_way(mode, before, end, begin)
+            if not look and (words := singular_bend(problem.robot, mode, *shapes, ends)):
+                return words
             gaps_m = most_gaps_m(problem.robot, *shapes)
             least, last = int(gaps_m.argmin()), len(gaps_m) - 1
             if gaps_m[least] < 0:

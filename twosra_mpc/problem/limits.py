@@ -7,6 +7,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -29,6 +30,7 @@ from twosra_mpc.problem.tolerances import (
     RATE_TOLERANCE,
     ROUNDING_M,
     STILL_RAD,
+    STRAIGHT_RAD,
 )
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
@@ -39,8 +41,8 @@ _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
-Shapes = tuple[Array, Array]
 _SHARES = np.linspace(1.0, 0.0, 401)  # of a shape, on its way back
+_STATIONS = 41  # of what a spring resists on the way of a bend
 _CERTAIN_M = 1e-4  # of a gap: beyond what interpolating a shape can feign
 
 
@@ -306,79 +308,76 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
 # Bends of one soft segment, which its spring straightens.
 
 
-def bent_alone(robot: Robot | Body, mode: Mode) -> int | None:
+def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
+    """Margins to `BEND_LEVER` of a bend through shapes (m, n): of its steps, and of its end, (m,).
+
+    Wheels bend a segment that is soft alone against its spring, and hold it at the end: by a lever
+    in proportion to its bend where they push, by any where they pull, and never across a shape
+    without one. What straightens it may cross those. Infinite where nothing is asked.
+    """
+    margins, j = np.full(len(kappa), np.inf), _bent_alone(robot, mode)
+    if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
+        return margins
+    begin, end = kappa[:-1].copy(), kappa[1:]
+    straight = STRAIGHT_RAD / robot.body.geometry.lengths_m[j]
+    side = np.where(end[:, j] < 0, -1.0, 1.0)  # no spring pulls before it is left
+    begin[:, j] = side * np.maximum(side * begin[:, j], straight)
+    ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
+    small, large = np.sort(np.abs([one, other]), axis=0)
+    crossed = (one * other < 0) & (small > LEVER_TOLERANCE)
+    against = np.abs(end[:, j]) > np.abs(begin[:, j])
+    margins[:-1] = np.where(crossed, -large, np.minimum(left, left_then))
+    margins[:-1][~against], margins[-1] = np.inf, left_then[-1]
+    return np.where(np.abs(margins) <= LEVER_TOLERANCE, 0.0, margins)
+
+
+def singular_bend(
+    robot: Robot | Body, mode: Mode, kappa: Array, off_per_m: Array, ends: bool
+) -> str | None:
+    """What is wrong with shapes on the way of a bend that breaks `BEND_LEVER`; None: it may not.
+
+    Args:
+        robot: The robot.
+        mode: Its mode.
+        kappa: Shapes that it passes in this order, (m, n) [1/m].
+        off_per_m: How far off they may be, (n,) [1/m].
+        ends: Whether it ends in the last one.
+    """
+    if (j := _bent_alone(robot, mode)) is None:
+        return None
+    begin, end, length = kappa[0, j], kappa[-1, j], robot.body.geometry.lengths_m[j]
+    if abs(end - begin) * length <= 2 * STILL_RAD:
+        return None
+    side = math.copysign(1.0, end - begin)
+    since = max(side * begin, STRAIGHT_RAD / length) + off_per_m[j]
+    passed = np.tile(kappa[-1], (_STATIONS, 1))
+    passed[:, j] = side * np.linspace(min(since, side * end), side * end, _STATIONS)
+    (low, high), left = _levers(robot, j, passed - off_per_m, passed + off_per_m)
+    crosses = low.max() > CERTAIN_LEVER and high.min() < -CERTAIN_LEVER
+    against = side * end > since
+    worst = left.min() if against else left[-1] if ends else 0.0
+    if worst >= -CERTAIN_LEVER and not (against and crosses):
+        return None
+    limit = robot.body.limits.bend_lever
+    return f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
+
+
+def _bent_alone(robot: Robot | Body, mode: Mode) -> int | None:
     """The only soft segment of a mode, from 0, if the robot limits how it bends."""
     limited = robot.body.limits.bend_lever is not None and sum(mode) == 1
     return mode.index(1) if limited else None
 
 
-def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
-    """Margins to `BEND_LEVER` of a bend through shapes (m, n): of its steps, and of its end, (m,).
-
-    Wheels bend a segment that is soft alone against its spring, and hold it at the end, only by a
-    lever in proportion to its bend, and never across a shape without any. What straightens it may
-    cross those. Infinite where nothing is asked.
-    """
-    margins, j = np.full(len(kappa), np.inf), bent_alone(robot, mode)
-    if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
-        return margins
-    begin, after = kappa[:-1].copy(), kappa[1:]
-    begin[begin[:, j] * after[:, j] < 0, j] = 0.0  # up to there it is straightened
-    (levers, left), (levers_then, left_then) = (
-        _levers(robot, j, each, each) for each in (begin, after)
-    )
-    lost = -np.maximum(np.abs(levers[0]), np.abs(levers_then[0]))
-    steps = np.where(levers[0] * levers_then[0] < 0, lost, np.minimum(left, left_then))
-    against = np.abs(after[:, j]) > np.abs(begin[:, j])
-    margins[:-1][against], margins[-1] = steps[against], left_then[-1]
-    margins[np.abs(margins) <= LEVER_TOLERANCE] = 0.0
-    return margins
-
-
-def surely_singular(robot: Robot | Body, mode: Mode, way: Shapes, end: Shapes) -> bool:
-    """True if no bend of one soft segment through these shapes keeps `BEND_LEVER`.
-
-    Args:
-        robot: The robot.
-        mode: Its mode.
-        way: Shapes that it passes in this order, (m, n), and how far off they may be, (n,) [1/m].
-        end: Some that hold all in which it may end, likewise.
-    """
-    if (j := bent_alone(robot, mode)) is None:
-        return False
-    own, off = way[0][:, j], way[1][j]
-    if np.ptp(own) * robot.body.geometry.lengths_m[j] <= 2 * STILL_RAD:
-        return False
-    (low, high), left = _levers(robot, j, way[0] - way[1], way[0] + way[1])
-    against = np.sign(own[-1] - own[0]) * own > off
-    crosses = (low[against] > CERTAIN_LEVER).any() and (high[against] < -CERTAIN_LEVER).any()
-    _, held = _levers(robot, j, end[0] - end[1], end[0] + end[1])
-    return bool(crosses or min(left[against].min(initial=0.0), held.max()) < -CERTAIN_LEVER)
-
-
 def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
-    """Bounds of the signed lever on a segment in boxes of shapes, (2, m), and most that is left."""
-    if (low == high).all():
-        (levers,) = by_rows(_lever_function(robot), low)
-        signed = np.array([levers[:, j]] * 2)
-    else:
-        signed = np.array([each[j] for each in enclose(_lever_function(robot), low.T, high.T)])
-    straightest = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0)
-    asked = (robot.body.limits.bend_lever or 0.0) * robot.body.geometry.lengths_m[j] * straightest
-    return signed, np.abs(signed).max(axis=0) - asked
-
-
-@per_body()
-def _lever_function(body: Body) -> ca.Function:
-    """Kappa (n,) -> levers of the wheels on each segment if it alone is soft, signed, (n,)."""
-    kappa = ca.SX.sym("kappa", body.geometry.segments)
-    return ca.Function("levers", [kappa], [bend_levers(body.geometry, kappa)], {"cse": True})
-
-
-def singular_in_words(robot: Robot | Body, mode: Mode) -> str:
-    """What is wrong with a bend that breaks `BEND_LEVER`, to complete "shapes whose ..."."""
-    name, limit = BEND_LEVER.name, robot.body.limits.bend_lever
-    return f"wheels lose hold of segment {mode.index(1) + 1}, soft alone: {name} < {limit:zg}"
+    """Bounds of the lever on a segment in boxes of shapes, (2, m), and the most that is left."""
+    levers = bend_levers(robot.body)
+    exact = (low == high).all()
+    boxes = [by_rows(levers, low)[0].T] * 2 if exact else enclose(levers, low.T, high.T)
+    bounds = np.array([each[j] for each in boxes])
+    pushing = bounds * np.where(high[:, j] < 0, -1.0, 1.0)  # where negative, wheels pull
+    bent = np.maximum(np.maximum(low[:, j], -high[:, j]), 0.0) * robot.body.geometry.lengths_m[j]
+    asked = (robot.body.limits.bend_lever or 0.0) * np.maximum(bent - STRAIGHT_RAD, 0.0)
+    return bounds, np.maximum(-pushing.min(axis=0), pushing.max(axis=0) - asked)
 
 
 def workspace_margins(problem: Problem | Alone, q: Array) -> Array:

@@ -35,10 +35,12 @@ TOUCHING_M = 1e-3
 BODY_TOLERANCE_M = 5e-4
 """Overlap of the robot with itself that is allowed between the samples of a plan."""
 STILL_RAD = 1e-5
-"""A bend by less of a single soft segment is none: what is left of a phase that is not needed."""
+"""A bend of a single soft segment by no more is none: a phase that is not needed may keep it."""
+STRAIGHT_RAD = 0.02
+"""A segment that is bent by no more is straight: cameras see no less, and its spring is weak."""
 LEVER_TOLERANCE = 1e-6
 """What levers of wheels may miss of what they must be, in lengths of a segment per rad."""
-CERTAIN_LEVER = 0.01
+CERTAIN_LEVER = 0.02
 """What they miss where bounds say so: more than they change between samples that are looked at."""
 WHEEL_TOLERANCE_RAD_S = 1e-6
 """By so much a wheel may turn otherwise than its inputs ask, or not rest where a phase ends."""

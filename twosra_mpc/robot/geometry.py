@@ -142,7 +142,7 @@ class MotionLimits(Value):
     robot may drive, wheel radius divided out and turning measured at 0.1 m; at zero some motion
     needs no wheel to turn, and nothing would stop it. ``bend_lever`` is the least lever with which
     wheels bend a segment that is soft alone against its spring, or hold it, in lengths of the
-    segment and per angle by which it is bent.
+    segment and per angle by which it is bent; where they pull it is enough that there is one.
 
     ``speed_m_s`` and ``turn_rate_rad_s`` are of the middle link in rigid phases,
     ``bend_rate_rad_s`` of every segment (kappa' l). With ``wheel_acceleration_rad_s2`` every phase
