@@ -330,10 +330,12 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 # 268 lines and a file prove the bounds of missions anew, what tasks ask being read there for a
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_371, 209
-MOST_LINES = 36_129
-MOST_LINES_OF_TESTS = 32_476
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 291, 45  # paper-1, planned once before
+# 300 and three files plan for joint bends that end elsewhere, with a bound; 180 are the limit of
+# singular shapes, in plans, bounds and checks.
+MOST_CORE_LINES, MOST_CORE_FILES = 29_269, 215
+MOST_LINES = 36_974
+MOST_LINES_OF_TESTS = 32_773
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 
 def code_lines(path: Path) -> int:

@@ -18,15 +18,15 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.confirmed_bound import least_confirmed_s
 from twosra_mpc.planning.planner import Progress, searched
+from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.policy import Branch, Policy, priced
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
 from twosra_mpc.robot.modes import Mode, ModeSequence, last_bent, soft_segments
-from twosra_mpc.robot.uncertainty import JointBend, Uncertainty
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError, NoPlanError
 from twosra_mpc.files import LARGEST, check_kind, json_document, reading, toml_document, write_json
 from twosra_mpc.installation import __version__
+from twosra_mpc.plans.branches import Policy
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
-from twosra_mpc.plans.policy import Policy
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
 from twosra_mpc.problem.tasks import passes

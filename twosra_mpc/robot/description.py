@@ -23,13 +23,13 @@ from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
+from twosra_mpc.robot.joint_bends import Uncertainty
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
 from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
 from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Heater, Segment
 from twosra_mpc.robot.timing import AnyTiming
-from twosra_mpc.robot.uncertainty import Uncertainty
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 

@@ -1,0 +1,215 @@
+"""Policies: plans that count with joint bends that end elsewhere than they are planned."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import operator
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from problems import random_problem
+
+from twosra_mpc import InputError, Plan, Problem, Result, load_plan, load_problem, load_robot, plan
+from twosra_mpc.checking.plan_file import check_plan
+from twosra_mpc.effort import Ending
+from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched
+from twosra_mpc.planning.policy import AT_ONCE, RELYING, Sequences, at_once, miss, relies
+from twosra_mpc.plans.branches import priced
+from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
+
+ROBOT = load_robot("2sra-v1")
+KNOWN = ROBOT.with_values(uncertainty=None)
+MODES = ((1, 0), (0, 1), (1, 1))
+
+
+def bending(seed: int, splits: Sequence[float]) -> Problem:
+    """Only the shape changes, by up to three phases; splits are equally likely."""
+    uncertain = Uncertainty(joint_splits=tuple(splits))
+    robot = ROBOT.with_values(uncertainty=uncertain)
+    limited = {"modes": MODES, "max_phases": 3, "risk": "mean"}
+    drawn = random_problem(seed, robot, **limited)
+    goal = drawn.goal.with_values(x_m=None, y_m=None, phi_rad=None)
+    shapes = 0.5 * np.array([drawn.start.kappa_per_m, goal.configuration[3:]])
+    start = drawn.start.with_values(kappa_per_m=tuple(shapes[0]))
+    return drawn.with_values(start=start, goal=goal.with_values(kappa_per_m=tuple(shapes[1])))
+
+
+def known_s(made: Plan) -> float:
+    assert made.confirmed_s is not None
+    return made.confirmed_s
+
+
+def every_plan(problem: Problem) -> Iterator[Plan]:
+    """The plan of each sequence of up to three phases."""
+    for count in (1, 2, 3):
+        for modes in itertools.product(MODES, repeat=count):
+            if all(one != other for one, other in itertools.pairwise(modes)):
+                found = searched(problem, excluded=Sequences(partial(operator.ne, modes)))
+                if found.plan is not None and found.found:
+                    yield found.plan
+
+
+def walked_s(made: Plan, bend: JointBend, *, by_hand: bool) -> float:
+    """Time of a run that bends so: where it misses, the best of what relies on no bend follows."""
+    if (missed := miss(made, bend)) is None:
+        return known_s(made)
+    phase, kappa, _ = missed
+    left = made.rest_at(made.phases[phase].end_s)
+    left = left.with_values(start=left.start.with_values(kappa_per_m=tuple(kappa)))
+    if by_hand:
+        rest = min(known_s(each) for each in every_plan(left) if not relies(each.sequence))
+    else:
+        rest = known_s(searched(left, excluded=RELYING).require())
+    return made.known_end_s(phase) + rest
+
+
+def test_without_uncertainty_the_policy_is_the_plan_and_nominal_ones_stay_as_they_are() -> None:
+    for name in ("paper-1", "paper-4"):
+        problem = load_problem(name)
+        nominal, told = plan(problem), plan(problem.with_values(robot=KNOWN))
+        assert np.array_equal(nominal.require().samples.q, told.require().samples.q)
+        assert nominal.policy is None
+        assert "risk" not in nominal.to_dict()["scenario"]
+        for robot in (KNOWN, ROBOT.with_values(uncertainty=Uncertainty())):
+            result = plan(problem.with_values(robot=robot), risk="mean")
+            assert result.policy is not None
+            assert np.array_equal(result.require().samples.q, nominal.require().samples.q)
+            assert result.policy.cost_s == result.policy.planned_s == known_s(nominal.require())
+            assert not result.policy.branches
+
+
+@pytest.mark.parametrize("seed", [3, 6, 8, 12])
+def test_the_best_of_small_trees_is_found_and_costs_what_its_runs_do(seed: int) -> None:
+    """Two looks, three scenarios, two segments: against every first plan and every recourse."""
+    rng = np.random.default_rng(seed)
+    problem = bending(seed, [0.0, *rng.uniform(-0.2, 0.2, 2)])
+    result = plan(problem)
+    policy, uncertain = result.policy, problem.robot.uncertainty
+    assert policy is not None
+    assert uncertain is not None
+    bends = uncertain.joint_bends
+    trees = [
+        float(np.mean([walked_s(each, bend, by_hand=True) for bend in bends]))
+        for each in every_plan(problem)
+    ]
+    assert policy.cost_s <= min(trees) * (1 + problem.gap)
+    assert policy.lower_bound_s <= min(trees)
+    drawn = rng.integers(len(bends), size=4000)
+    each = np.array([walked_s(result.require(), bend, by_hand=False) for bend in bends])
+    assert each[drawn].mean() == pytest.approx(policy.cost_s, rel=0.01)
+    assert policy.mean_s == pytest.approx(policy.cost_s)
+    quantile = plan(problem, risk=0.9).policy
+    assert quantile is not None
+    assert quantile.lower_bound_s <= quantile.cost_s
+
+
+@pytest.mark.parametrize("name", [f"paper-{number}" for number in range(1, 6)])
+def test_published_problems_have_a_policy_near_its_bound(name: str) -> None:
+    result = plan(load_problem(name), risk="mean")
+    policy, made = result.policy, result.require()
+    assert policy is not None
+    assert policy.lower_bound_s <= policy.cost_s <= 1.15 * policy.lower_bound_s
+    assert made.lower_bound == pytest.approx(plan(load_problem(name)).lower_bound)
+    assert sum(each.probability for each in policy.branches) <= 1.0
+    assert all("segment" in words for words in policy.words[1:])
+    if not policy.branches:
+        assert not relies(made.sequence)
+
+
+@pytest.mark.parametrize("split", [0.44, -0.1])
+def test_where_a_joint_bend_ends_is_where_a_robot_that_splits_so_ends(split: float) -> None:
+    """Its wheels roll as planned; the pose differs, the mean bend does not."""
+    made = plan(load_problem("paper-1")).require()
+    missed = miss(made, JointBend(split))
+    assert missed is not None
+    phase, kappa, off = missed
+    begin, end = made.phases[phase].start_s, made.phases[phase].end_s
+    times = np.linspace(begin, end, 200)
+    path = made.trajectory.at(times)
+    turned = np.diff(made.trajectory.wheel_travel_rad(times), axis=0)
+    q, roll = path.q[0], rolling(made.robot.body, made.phases[phase].mode)
+    for step in turned:
+        q = roll(q, step, Drift(split=split)).full().ravel()
+    assert q[3:] == pytest.approx(kappa, abs=0.05)
+    assert off == pytest.approx(np.abs(q[3:] - path.q[-1, 3:]).max(), abs=0.05)
+    even = miss(made, JointBend(0.0, 1.0))
+    assert even is not None
+    assert even[1][0] == pytest.approx(even[1][1])  # springs that have all their will
+    assert miss(made, JointBend()) is None
+
+
+@pytest.mark.parametrize(
+    ("modes", "at_goal", "single"),
+    [
+        ([(1, 0), (0, 1)], False, False),
+        ([(1, 1), (1, 0)], False, False),
+        ([(1, 1), (0, 0), (1, 1), (1, 0)], False, False),
+        ([(1, 0), (1, 1), (0, 0)], True, True),
+        ([(1, 0), (0, 0), (1, 1)], True, False),
+        ([(1, 0), (0, 1), (1, 1)], True, False),
+        ([(1, 1, 0), (0, 1, 1), (0, 0, 1)], False, False),
+        ([(1, 1, 0), (0, 0, 1)], True, True),
+    ],
+)
+def test_which_sequences_need_several_segments_right_at_once(
+    modes: list[tuple[int, ...]], at_goal: bool, single: bool
+) -> None:
+    assert (relies(modes), at_once(modes)) == (at_goal, single)
+    assert (tuple(modes) in RELYING, tuple(modes) in AT_ONCE) == (at_goal, single)
+
+
+def test_quantiles_and_means_of_costs() -> None:
+    costs = [(0.2, 400.0), (0.8, 600.0)]
+    assert priced(costs, "mean") == pytest.approx(560.0)
+    assert [priced(costs, risk) for risk in (0.1, 0.2, 0.21, 0.9)] == [400.0, 400.0, 600.0, 600.0]
+    assert priced([(0.0, np.inf), (1.0, 5.0)], "mean") == 5.0
+
+
+def test_a_policy_is_kept_in_its_file_and_limits_and_interrupts_end_it(tmp_path: Path) -> None:
+    result = plan(load_problem("paper-5"), risk="mean")
+    result.save(path := tmp_path / "plan.json")
+    back = load_plan(path)
+    assert back.policy == result.policy
+    assert check_plan(path).ok
+    older = json.loads(path.read_text())
+    del older["policy"], older["robot"]["uncertainty"]
+    path.write_text(json.dumps(older))
+    assert check_plan(path).ok
+    short = plan_until_interrupted(result.problem.with_values(work_limit=30.0))
+    assert short.found
+    assert short.ending in (Ending.LIMIT, Ending.CLOSED)
+
+
+def test_what_is_planned_again_relies_on_nothing_it_did_not_count_with() -> None:
+    problem = load_problem("paper-1", risk="mean")
+    result: Result = plan_again(problem, 1000.0)
+    assert result.found
+    assert not relies(result.require().sequence)
+    assert plan_again(problem, 400.0).plan is None
+
+
+@pytest.mark.parametrize("risk", [0.0, 1.0, "worst", True])
+def test_risks_that_are_none_are_refused_by_name(risk: object) -> None:
+    with pytest.raises(InputError, match="risk"):
+        load_problem("paper-1", risk=risk)
+
+
+def test_where_more_than_time_counts_there_is_no_risk() -> None:
+    with pytest.raises(InputError, match="risk"):
+        load_problem("doorway", risk="mean")
+    with pytest.raises(InputError, match="risk"):
+        load_problem("paper-1", risk=0.9, heating="least_energy")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("joint_splits", [1.0]), ("joint_splits", []), ("joint_relaxations", [1.5])],
+)
+def test_uncertainty_that_is_none_is_refused_by_name(key: str, value: list[float]) -> None:
+    with pytest.raises(InputError, match=key):
+        Uncertainty.parse({key: value}, "robot")
