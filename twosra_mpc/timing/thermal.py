@@ -278,7 +278,7 @@ class Thermal(TransitionModel):
                 late = made[off].heater_s - made[on].heater_s
                 if late > _SETTLED_S:
                     coasts_s = made[off].onset_s - made[off].heater_s
-                    longer_s = self.least[off.segment].longest_coasting_s - coasts_s
+                    longer_s = self.start.least[off.segment].longest_coasting_s - coasts_s
                     since = melt if melt and late <= longer_s else off  # heat for longer, or wait
                     events = layout.onset_of(since), layout.onset_of(on)
                     raised[events] = times[events[1]] - times[events[0]] + late
