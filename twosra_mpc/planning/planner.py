@@ -49,7 +49,7 @@ from twosra_mpc.timing import transition_model
 if TYPE_CHECKING:
     from twosra_mpc.planning.solver.placer import Placer
 
-_WORTH_S = 10.0  # better by less no plan is looked for in a run: the NLP gains less than it takes
+_WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
@@ -210,7 +210,9 @@ def _search(
     if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
-    solver: SequenceSolver | Placer = SequenceSolver(variants, checked if inside else trusted)
+    solver: SequenceSolver | Placer = SequenceSolver(
+        variants, checked if inside else trusted, worth_s
+    )
     passes = any(stage.through for stage in problem.stages)
     if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
