@@ -331,7 +331,7 @@ def test_the_top_level_stays_small() -> None:
 # 268 lines and a file prove the bounds of missions anew, what tasks ask being read there for a
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_371, 209
-MOST_LINES = 36_124
+MOST_LINES = 36_126
 MOST_LINES_OF_TESTS = 32_476
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 291, 45  # paper-1, planned once before
 
