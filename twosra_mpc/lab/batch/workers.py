@@ -133,15 +133,20 @@ async def _identity(address: str) -> None:
         await scheduler.identity()
 
 
-def about(dask_worker: Worker | None = None) -> tuple[str, int]:
-    """Version of this package on a worker and its threads; or on a scheduler, which reads tasks."""
-    return __version__, 1 if dask_worker is None else dask_worker.state.nthreads
+def about_worker(dask_worker: Worker) -> tuple[str, int]:
+    """Version of this package on a worker, and how many threads it has."""
+    return __version__, dask_worker.state.nthreads
+
+
+def about_scheduler() -> tuple[str, int]:
+    """Version of this package on a scheduler, which reads tasks, too."""
+    return __version__, 1
 
 
 def _check_versions(client: Client, scheduler: str) -> None:
-    found = client.run(about, on_error="return")
+    found = client.run(about_worker, on_error="return")
     try:
-        found[scheduler] = client.run_on_scheduler(about)
+        found[scheduler] = client.run_on_scheduler(about_scheduler)
     except Exception as error:  # whatever it lacks
         found[scheduler] = error
     for address, told in found.items():
