@@ -179,7 +179,13 @@ def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:
     assert {name: margins[name] for name in expected} == pytest.approx(expected, abs=2e-6)
     assert set(margins) - set(expected) == {
         "body_gap_m",
-        *("unit_gap_m", "wheel_independence", "speed_m_s", "wheel_acceleration_rad_s2"),
+        *(
+            "bend_lever",
+            "unit_gap_m",
+            "wheel_independence",
+            "speed_m_s",
+            "wheel_acceleration_rad_s2",
+        ),
     }
     driven = float(np.hypot(samples.v[:, 2], samples.v[:, 3]).max())
     counted = robot.limits.speed_m_s - margins["speed_m_s"]  # along eight axes

@@ -170,11 +170,8 @@ def _check_claims(
 def _with_lever(plan: Plan, known: Robot | None) -> Plan:
     """The plan for a robot that has the ``bend_lever`` that is known of it today."""
     own = plan.robot
-    if known is None and own.name in robot_names():
-        known = load_robot(own.name)
-    if known is None:
-        return plan
-    limits = own.limits.with_values(bend_lever=known.limits.bend_lever)
+    meant = known or (load_robot(own.name) if own.name in robot_names() else own)
+    limits = own.limits.with_values(bend_lever=meant.limits.bend_lever)
     problem = plan.problem.with_values(robot=own.with_values(limits=limits))
     return replace(plan, trajectory=replace(plan.trajectory, problem=problem))
 

@@ -31,6 +31,7 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
+_PARALLEL = 1e-3  # rad between lines that meet nowhere
 
 
 class ModelFunction(ca.Function):
@@ -268,11 +269,17 @@ def bend_levers(body: Body) -> ca.Function:
     lever is how far a bend brings these two points together, per angle: by it their force bends the
     segment. Where it is zero, its column of W depends on the rigid ones. Where it has the sign of
     the bend, the spring of the segment pushes the points apart, and buckles if that takes much.
+
+    Raises:
+        InputError: If there is no such point.
     """
     geometry, kappa = body.geometry, ca.SX.sym("kappa", body.geometry.segments)
     poses, points = wheel_pose_matrix(geometry, ca.vertcat(0, 0, 0, kappa)), []
     for i in (0, 2):
         (x, y, psi), (x2, y2, psi2) = geometry.wheel_placement[i : i + 2]
+        if abs(math.sin(psi2 - psi)) < _PARALLEL:
+            allowed = "left out: wheels of a unit drive along parallel lines"
+            raise InputError("limits.bend_lever", body.limits.bend_lever, allowed)
         across = (x2 - x) * math.sin(psi2) - (y2 - y) * math.cos(psi2)
         along = ca.vertcat(ca.cos(poses[2, i]), ca.sin(poses[2, i]))
         points.append(poses[:2, i] + across / math.sin(psi2 - psi) * along)

@@ -315,11 +315,14 @@ def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     in proportion to its bend where they push, by any where they pull, and never across a shape
     without one. What straightens it may cross those. Infinite where nothing is asked.
     """
-    margins, j = np.full(len(kappa), np.inf), _bent_alone(robot, mode)
-    if j is None or np.ptp(kappa[:, j]) * robot.body.geometry.lengths_m[j] <= STILL_RAD:
+    margins = np.full(len(kappa), np.inf)
+    if robot.body.limits.bend_lever is None or sum(mode) != 1:
+        return margins
+    length = robot.body.geometry.lengths_m[j := mode.index(1)]
+    if np.ptp(kappa[:, j]) * length <= STILL_RAD:
         return margins
     begin, end = kappa[:-1].copy(), kappa[1:]
-    straight = STRAIGHT_RAD / robot.body.geometry.lengths_m[j]
+    straight = STRAIGHT_RAD / length
     side = np.where(end[:, j] < 0, -1.0, 1.0)  # no spring pulls before it is left
     begin[:, j] = side * np.maximum(side * begin[:, j], straight)
     ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
@@ -343,8 +346,9 @@ def singular_bend(
         off_per_m: How far off they may be, (n,) [1/m].
         ends: Whether it ends in the last one.
     """
-    if (j := _bent_alone(robot, mode)) is None:
+    if (limit := robot.body.limits.bend_lever) is None or sum(mode) != 1:
         return None
+    j = mode.index(1)
     begin, end, length = kappa[0, j], kappa[-1, j], robot.body.geometry.lengths_m[j]
     if abs(end - begin) * length <= 2 * STILL_RAD:
         return None
@@ -358,14 +362,7 @@ def singular_bend(
     worst = left.min() if against else left[-1] if ends else 0.0
     if worst >= -CERTAIN_LEVER and not (against and crosses):
         return None
-    limit = robot.body.limits.bend_lever
     return f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
-
-
-def _bent_alone(robot: Robot | Body, mode: Mode) -> int | None:
-    """The only soft segment of a mode, from 0, if the robot limits how it bends."""
-    limited = robot.body.limits.bend_lever is not None and sum(mode) == 1
-    return mode.index(1) if limited else None
 
 
 def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from tomlkit import TOMLDocument
 
 
-_PARALLEL = 1e-3  # rad between lines that never meet
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
 
@@ -131,13 +130,6 @@ class Robot(Value):
                 f"{self.path.model} ends (a bending angle of {most:z.3f} rad)"
             )
             raise InputError("limits.curvature_per_m", self.limits.curvature_per_m, allowed)
-        angles = [angle for *_, angle in self.geometry.wheel_placement]
-        if (
-            self.limits.bend_lever is not None
-            and min(abs(math.sin(angles[i + 1] - angles[i])) for i in (0, 2)) < _PARALLEL
-        ):
-            allowed = "left out: wheels of a unit drive along parallel lines, and hold it nowhere"
-            raise InputError("limits.bend_lever", self.limits.bend_lever, allowed)
         if self.segments and len(self.segments) != self.geometry.segments:
             allowed = f"none, or one for each of {self.geometry.segments} segments"
             raise InputError("segments", len(self.segments), allowed)
