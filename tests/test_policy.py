@@ -83,7 +83,7 @@ def test_without_uncertainty_the_policy_is_the_plan_and_nominal_ones_stay_as_the
             assert not result.policy.branches
 
 
-@pytest.mark.parametrize("seed", [3, 6, 8, 12])
+@pytest.mark.parametrize("seed", [6, 12])
 def test_the_best_of_small_trees_is_found_and_costs_what_its_runs_do(seed: int) -> None:
     """Two looks, three scenarios, two segments: against every first plan and every recourse."""
     rng = np.random.default_rng(seed)

@@ -156,7 +156,10 @@ WRONG: list[tuple[Callable[[Problem, Any], object], str]] = [
     (lambda _, result: check_plan(result), "a path"),
     (lambda _, result: save_setpoints(result), r"^path is missing: a path; save_setpoints\(plan"),  # type: ignore[call-arg]
     (lambda _, __: plan(), r"^problem is missing: a Problem: load_problem"),  # type: ignore[call-arg]
-    (lambda problem, _: plan(problem, print, 1), r"plan\(problem, on_progress=\.\.\.\), too many"),  # type: ignore[call-arg,arg-type,misc]
+    (
+        lambda problem, _: plan(problem, print, 0.5, 1),
+        r"on_progress=\.\.\., risk=\.\.\.\), too many",
+    ),  # type: ignore[call-arg,arg-type,misc]
     (lambda problem, _: simulate(problem, executor="greedi"), "did you mean greedy"),
     (lambda _, __: spread(Camera() for _ in range(2)), "at least 1 of them"),  # type: ignore[arg-type]
     (lambda _, __: Goal(), "^value = .* at least one of x_m"),

@@ -87,8 +87,8 @@ def _advice(ending: Ending) -> str:
 def plan(
     problem: Problem,
     *,
-    risk: Risk | None = None,
     on_progress: Callable[[Progress], None] | None = None,
+    risk: Risk | None = None,
 ) -> Result:
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
@@ -99,9 +99,9 @@ def plan(
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
+        on_progress: Called as the search proceeds.
         risk: What of the time counts where joint bends are uncertain, if not ``problem.risk``:
             "nominal", "mean", or a quantile; with all but "nominal" the result has a policy.
-        on_progress: Called as the search proceeds.
 
     Raises:
         InputError: If there is no such risk; or at the start or at the goal the locomotion units

@@ -75,7 +75,11 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
         return replace(first, ending=Ending.INTERRUPTED)
     except OutOfEffortError:
         return replace(first, ending=Ending.LIMIT)
-    words, stats = f"{made}; {policy.words[0]}", replace(first.stats, work=spent())
+    stats = replace(first.stats, work=spent())
+    if not np.isfinite(policy.mean_s):
+        words = f"{made}; no plan of the rest is found where a joint bend misses"
+        return replace(first, words=words, stats=stats)
+    words = f"{made}; {policy.words[0]}"
     return replace(first, plan=made, status=made.status, words=words, policy=policy, stats=stats)
 
 

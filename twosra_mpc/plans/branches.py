@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from twosra_mpc.arguments import public
 from twosra_mpc.problem.problem import Risk
 from twosra_mpc.robot.modes import ModeSequence, named, soft_segments
 
@@ -24,7 +23,6 @@ def priced(costs: Iterable[tuple[float, float]], risk: Risk) -> float:
 _ROUNDING = 1e-9  # of probabilities
 
 
-@public
 class Branch(NamedTuple):
     """What follows where a joint bend misses.
 
@@ -44,18 +42,17 @@ class Branch(NamedTuple):
 
     @property
     def words(self) -> str:
-        """E.g. "phase 3 ends 1.9 1/m off or more, segment 2 freezes and segment 1 is corrected"."""
+        """E.g. "phase 3 ends 1.9 1/m off or more: freeze segment 2, then correct segment 1"."""
         missed = f"phase {self.phase} ends {self.off_per_m:z.1f} 1/m off or more"
         soft = [mode for mode in self.sequence if any(mode)]
         if not soft:
-            return f"{missed}, there is no plan of the rest"
+            return f"{missed}: bend no more"
         count, last = len(soft[-1]), soft_segments(soft[-1])
         frozen = [j + 1 for j in range(count) if j not in last]
         corrected = named("segment", [j + 1 for j in last], count)
-        return f"{missed}, {named('segment', frozen, count)} freezes and {corrected} is corrected"
+        return f"{missed}: freeze {named('segment', frozen, count)}, then correct {corrected}"
 
 
-@public
 class Policy(NamedTuple):
     """A plan with recourse: it is looked at after a joint bend, and what is left planned again.
 
@@ -95,8 +92,8 @@ class Policy(NamedTuple):
         return first, *(self._words(each) for each in self.branches)
 
     def _words(self, branch: Branch) -> str:
-        odds, more_s = f"probability {branch.probability:z.2g}", branch.cost_s - self.planned_s
-        return f"if {branch.words} ({odds}): {more_s:+z.0f} s"
+        more_s = branch.cost_s - self.planned_s
+        return f"if {branch.words}; {more_s:+z.0f} s, probability {branch.probability:z.2g}"
 
     def to_dict(self) -> dict[str, Any]:
         """The policy as plain data."""
