@@ -12,6 +12,7 @@ from thermal_problems import (
     SEQUENCES,
     SPANS_S,
     V1,
+    V2,
     settled,
     thermal_model,
     thermal_problem,
@@ -25,6 +26,7 @@ from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.timing import transition_model
 
 ONE_HEATER = "mode [1,1] needs both heaters at once, but heaters_at_once is 1"
+Pair = tuple[float, float]
 timings = pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
 
 
@@ -147,6 +149,24 @@ def test_what_coasting_makes_possible_is_not_called_impossible() -> None:
     assert plan(thermal_problem(**given, **modes, max_phases=2)).status is Status.FAILED
     cold = {**given, "temperature_C": (45.0, 45.0)}
     assert thermal_model(thermal_problem(**cold, **modes)).refusal((SOFT_BOTH,), RIGID)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "warm_C", "most_s"),
+    [
+        ((16.4, 4.3), (-10.9, 7.1), (47.4, 50.3), 113.0),
+        ((11.2, -1.3), (-7.3, -7.1), (69.6, 59.7), 193.0),
+    ],
+)
+def test_metal_coasts_while_the_other_segment_melts(
+    start: Pair, goal: Pair, warm_C: Pair, most_s: float
+) -> None:
+    """Both are soft at once with one heater: one after the other takes 159 and 231 s."""
+    here = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=start, temperature_C=warm_C)
+    there = Goal(kappa_per_m=goal, tolerance="exact")
+    problem = Problem(robot=V2, start=here, goal=there, heaters_at_once=1, work_limit=1000)
+    assert plan(problem).require().cost.total < most_s
+    assert not both_on(problem)
 
 
 @timings

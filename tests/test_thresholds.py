@@ -21,6 +21,7 @@ from twosra_mpc.problem.limits import (
     body_gaps_m,
     broken_by_shapes,
     may_drive_in,
+    shape_margins,
     workspace_margins,
 )
 from twosra_mpc.problem.tolerances import ROUNDING_M, UNSEEN_M, kept_from_m
@@ -82,6 +83,20 @@ def limited(start: float, goal: float) -> Problem:
     return Problem(robot=LIMITED, start=here, goal=there)
 
 
+def steered(least: float) -> Problem:
+    """A drive in a bent shape, with wheels that must be so independent."""
+    problem = driven((30.0, 20.0))
+    limits = ROBOT.limits.with_values(wheel_independence=least)
+    return problem.with_values(robot=ROBOT.with_values(limits=limits))
+
+
+def molten(share: float, warm_C: float | None = None) -> Problem:
+    """A change of shape with one heater, of metal that is molten so far, or so warm."""
+    metal = {"melt_fraction": (share, 0.0)} if warm_C is None else {"temperature_C": (warm_C, 23.0)}
+    given = {"goal": {"kappa_per_m": (10.0, -15.0)}, "heaters_at_once": 1, "work_limit": 1000}
+    return Problem(robot=V2, start={**AT_REST, **metal}, **given)
+
+
 def through(width_m: float, clearance_m: float = 0.002) -> Problem:
     """A drive of 0.5 m straight through a doorway."""
     walls = [
@@ -106,6 +121,7 @@ def touched_m(q: Array) -> float:
 
 
 TOUCHING, MOST = touching(), LIMITED.limits.curvature_per_m
+INDEPENDENT = float(shape_margins(steered(0.0).robot, (30.0, 20.0))["wheel_independence"][0])
 THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
     "wall": (0.021 + 0.015 + 0.002, lambda x: past_a_wall(x, 0.002)),
     "clearance": (0.002, lambda x: past_a_wall(0.038, x)),
@@ -114,6 +130,10 @@ THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
     "start that touches": (TOUCHING, lambda x: driven(tuple(CURLED * x))),
     "goal at the limit": (MOST, lambda x: limited(0.0, x)),
     "start at the limit": (MOST, lambda x: limited(x, 0.0)),
+    "wheels as independent as must be": (INDEPENDENT, steered),
+    "all but liquid": (1.0, lambda x: molten(min(x, 2.0 - x))),
+    "as warm as liquid metal": (molten(1.0).stiffness_thresholds_C[1], lambda x: molten(0.0, x)),
+    "as warm as may be": (V2.heater.temperature_max_C, lambda x: molten(0.0, x)),
     "doorway as wide as the robot": (2 * (0.021 + 0.015 + 0.002), through),
     "clearance in a doorway": (0.002, lambda x: through(2 * (0.021 + 0.015 + 0.002), x)),
 }
@@ -210,10 +230,7 @@ def test_an_end_that_touches_with_its_fibre_is_driven_to_and_from(
 
 
 OF_RANDOM: dict[str, tuple[float, Callable[[Problem, float], Problem]]] = {
-    "width of the goal": (
-        1e-3,
-        lambda p, x: reaching(p, x, kappa_per_m=p.goal.kappa_per_m),
-    ),
+    "width of the goal": (1e-3, lambda p, x: reaching(p, x, kappa_per_m=p.goal.kappa_per_m)),
     "edge of the goal": (2.0, lambda p, x: reaching(bent_a_little(p, x), 2.0)),
     "little to bend": (2e-6, bent_a_little),
 }
