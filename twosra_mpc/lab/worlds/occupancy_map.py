@@ -28,11 +28,7 @@ _SAME = 1e-6  # cells: a tolerance or an area of whole ones is it, whatever roun
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
-_OPAQUE, _PERCENT, _DIGITS = (
-    255,
-    100,
-    5,
-)  # of a pixel; thresholds that are a level but for rounding are it
+_OPAQUE, _PERCENT, _DIGITS = 255, 100, 5  # of a pixel; thresholds are levels but for rounding
 _TURN_RAD, _ROUGH_M = math.tau, 0.5  # no map of a robot that is turned more, or has larger cells
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
