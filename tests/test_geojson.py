@@ -141,11 +141,7 @@ def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        *(
-            "EPSG:2230",
-            "urn:ogc:def:crs:EPSG::2263",
-            "http://www.opengis.net/def/crs/EPSG/0/26741",
-        ),
+        *("EPSG:2230", "urn:ogc:def:crs:EPSG::2263", "http://www.opengis.net/def/crs/EPSG/0/26741"),
         *("EPSG:3361", "EPSG:6539", "ESRI:102672", "EPSG:3404", "EPSG:8066"),
         *("NAD83 / California zone 6 (ftUS)", "NAD83(2011) / Oregon GIC Lambert (ft)"),
     ],

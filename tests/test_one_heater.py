@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,20 +13,29 @@ from thermal_problems import (
     SEQUENCES,
     SPANS_S,
     V1,
+    V2,
     settled,
     thermal_model,
     thermal_problem,
     thermal_problems,
 )
 
-from twosra_mpc import Goal, Problem, Start, Status, plan
+from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.heating import TemperatureTrajectory
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.timing import transition_model
 
 ONE_HEATER = "mode [1,1] needs both heaters at once, but heaters_at_once is 1"
+Pair = tuple[float, float]
 timings = pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
+
+
+def bending(robot: Robot, start: Pair, goal: Pair, warm_C: Pair, **given: Any) -> Problem:
+    """A change of shape with one heater."""
+    here = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=start, temperature_C=warm_C)
+    there = Goal(kappa_per_m=goal, tolerance="exact")
+    return Problem(robot=robot, start=here, goal=there, heaters_at_once=1, **given)
 
 
 def both_on(problem: Problem) -> bool:
@@ -106,17 +116,8 @@ def test_a_liquid_start_goes_first_and_may_share_a_phase_while_it_coasts() -> No
     assert settled(warm, sequence, [1.0, 40.0, 0.0]) is None  # it would freeze meanwhile
     cool = thermal_problem(temperature_C=(66.0, 25.0), heaters_at_once=1)
     assert settled(cool, sequence, [1.0, 1.0, 0.0]) is None
-    result = plan(
-        Problem(
-            robot=V1,
-            start=Start(
-                x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0), temperature_C=(85.0, 25.0)
-            ),
-            goal=Goal(kappa_per_m=(20.0, 20.0)),
-            modes=[RIGID, SOFT_BOTH, SOFT_1],
-            heaters_at_once=1,
-        )
-    )
+    modes = [RIGID, SOFT_BOTH, SOFT_1]
+    result = plan(bending(V1, (0.0, 0.0), (20.0, 20.0), (85.0, 25.0), modes=modes))
     assert result.found
     assert SOFT_BOTH in [phase.mode for phase in result.plan.phases]
 
@@ -147,6 +148,13 @@ def test_what_coasting_makes_possible_is_not_called_impossible() -> None:
     assert plan(thermal_problem(**given, **modes, max_phases=2)).status is Status.FAILED
     cold = {**given, "temperature_C": (45.0, 45.0)}
     assert thermal_model(thermal_problem(**cold, **modes)).refusal((SOFT_BOTH,), RIGID)
+
+
+def test_metal_coasts_while_the_other_segment_melts() -> None:
+    """Both are soft at once with one heater: one after the other takes 159 s."""
+    problem = bending(V2, (16.4, 4.3), (-10.9, 7.1), (47.4, 50.3), work_limit=1000)
+    assert plan(problem).require().cost.total < 115.0
+    assert not both_on(problem)
 
 
 @timings

@@ -100,10 +100,12 @@ def test_holding_clamps_the_core_while_the_body_settles(
 @given(MODELS, STATES)
 def test_the_holding_current_stops_the_core(model: TwoNode, state: tuple[float, float]) -> None:
     core, body = state
-    assume(body <= core)
+    assume(model.ambient_C <= body <= core)
     current_A = model.holding_current_A(state)
     after, _ = model.propagate(state, current_A, 1e-3)
     assert after == pytest.approx(core, abs=1e-5)
+    back, _ = model.propagate(state, model.holding_current_A(state, 1.0), 1.0)
+    assert back == pytest.approx(core, abs=1e-9)
     steady_W = model.core_heat_J_per_K * model.coupling_per_s * (core - body)
     assert model.power_W(current_A, core) == pytest.approx(steady_W, abs=1e-9)
     assert model.energy_J(state, current_A, 7.0) == pytest.approx(7.0 * steady_W, abs=1e-9)

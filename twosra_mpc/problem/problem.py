@@ -406,7 +406,7 @@ class Problem(Value):
         """Temperatures of the segments' metal at t = 0, thresholds to rounding [C]."""
         spans, shares = self.segment_thresholds_C, self.start.melt_fraction or self._unsaid
         found = self.start.temperature_C or (
-            _molten_at(span, share) if share else self.ambient
+            _molten_at(span, share) if (share or 0.0) > _SAME_SHARE else self.ambient
             for share, span in zip(shares, spans, strict=True)
         )
         return tuple(_nearest(now, span, _SAME_C) for now, span in zip(found, spans, strict=True))

@@ -191,6 +191,7 @@ thermal_start = lru_cache(maxsize=64)(ThermalStart)
 
 
 KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
+_LONGER = 0.1  # heat for longer by so much at least: metal held for ever coasts no longer
 _SETTLED_S = 1e-9  # rounding of sums of times
 _KEPT = 128  # heatings of segments
 
@@ -281,7 +282,8 @@ class Thermal(TransitionModel):
                     longer_s = self.start.least[off.segment].longest_coasting_s - coasts_s
                     since = melt if melt and late <= longer_s else off  # heat for longer, or wait
                     events = layout.onset_of(since), layout.onset_of(on)
-                    raised[events] = times[events[1]] - times[events[0]] + late
+                    apart_s = times[events[1]] - times[events[0]]
+                    raised[events] = apart_s + max(late, _LONGER * apart_s)
         return None if raised == network.least else replace(network, least=raised)
 
     def _many_heated(self, made: Mapping[Event, SegmentTransition]) -> bool:

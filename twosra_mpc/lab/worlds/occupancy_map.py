@@ -24,6 +24,7 @@ from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array, rotation
 from twosra_mpc.validation import ArrayValue, Metres, NonNegative, Number, Positive, Value, plain
 
+_SAME = 1e-6  # cells: a tolerance or an area of whole ones is it, whatever rounding makes of it
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
@@ -149,8 +150,8 @@ def obstacles_on(
     """
     import shapely
 
-    tolerance = 1.0 if tolerance_m is None else tolerance_m / cells.cell_m
-    occupied, specks = _without_specks(cells.occupied, least_area_m2 / cells.cell_m**2)
+    tolerance = (1.0 if tolerance_m is None else tolerance_m / cells.cell_m) + _SAME
+    occupied, specks = _without_specks(cells.occupied, least_area_m2 / cells.cell_m**2 - _SAME)
     if (corners := _corners(occupied)) > _MOST_OF_MAP:
         allowed = (
             f"at most {_MOST_OF_MAP}: leave out specks (--least-area), or scale the image down"

@@ -215,8 +215,7 @@ class Handling:
             thing, pose = self.problem.objects[number].own, at.poses[number]
         else:
             world = self.problem.world
-            thing = world.obstacles[world.names.index(task.object)]
-            pose = np.zeros(POSE)
+            thing, pose = world.obstacles[world.names.index(task.object)], np.zeros(POSE)
         found = conform_touches(self.problem.robot, thing, task.segments, task.gap_m)
         if not found.touches:
             reasons = "; ".join(found.refused)
