@@ -35,6 +35,7 @@ RESPONSE_WALK = 0.05  # its change from one period of motion to the next
 DRIFT = 0.15  # of the travel: of the pose, besides its response
 ARM_M = 0.1  # at which turning and bending count as travel
 COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
+SETTLING_S = 0.35  # in which motors settle: the model does not know how far they went on since
 CREEP = 0.01  # of a frame's standard deviation, per square root of a second
 _RESPONSES = (-2.0, 4.0)  # what a push would teach beyond that would run away
 GATE = 6.0
@@ -59,7 +60,7 @@ class CameraFilter:
         self._frame = camera.variance(self._coordinates) + _NO_NOISE
         self.q, self.variance = q.astype(float).copy(), self._frame.copy()
         self._time_s, self._moved = time_s, np.zeros(len(q))
-        self._lately = self._moved
+        self._moving = False
         self._past: deque[tuple[float, Array]] = deque([(time_s, self._moved)])
         self._wild, self._apart = self._coordinates.each(*WILD), list[Array]()
         self._picture, self._taken_at, self.frozen = self._frame, self._moved, False
@@ -94,9 +95,9 @@ class CameraFilter:
             self._shared = self._shared + moved * self._doubt
             self._doubt = self._doubt + RESPONSE_WALK**2
             self._moved = self._moved + moved
-        else:  # a robot that was told to stand coasts, and the model does not know how far
-            self.variance += (COASTING * self._lately) ** 2
-        self._lately = moved
+        elif self._moving:  # a robot that was told to stand has not moved lately as commanded
+            self.variance += (self._moved - self._moved_until(time_s - SETTLING_S)) ** 2
+        self._moving = bool(moved.any())
         self._time_s = time_s
         self._past.append((time_s, self._moved))
         while self._past[0][0] < time_s - REMEMBERED_S and len(self._past) > 1:
@@ -110,9 +111,7 @@ class CameraFilter:
         """
         if not len(frames):
             return np.zeros(0, dtype=bool)
-        times = [time for time, _ in self._past]
-        path = np.array([moved for _, moved in self._past])
-        since = self._moved - np.column_stack([np.interp(taken_s, times, m) for m in path.T])
+        since = self._moved - self._moved_until(taken_s)
         late, believed = since.any(axis=1), np.zeros(len(frames), dtype=bool)
         alive = np.array([self._is_news(*each) for each in zip(frames, since, strict=True)])
         for k in np.flatnonzero(late & alive):
@@ -128,6 +127,12 @@ class CameraFilter:
             mean[2] = self.q[2] + (np.remainder(turn + math.pi, math.tau) - math.pi).mean()
             self._take(mean, np.zeros(len(mean)), self._frame / len(resting))
         return believed
+
+    def _moved_until(self, time_s: float | Array) -> Array:
+        """What the model had moved by then, one row for each time."""
+        times = [time for time, _ in self._past]
+        path = np.array([moved for _, moved in self._past])
+        return np.stack([np.interp(time_s, times, m) for m in path.T], axis=-1)
 
     def _is_news(self, frame: Array, moved: Array) -> bool:
         """True if a frame shows anything else than the one before, or nothing should have moved."""

@@ -73,7 +73,7 @@ class Driving:
         self.begun = self.belief.q.copy()
         if self.belief.guard is not None:
             self.belief.guard.begin(self.begun)
-        self._before = self._best = math.inf
+        self._before, self._best, self._looks = math.inf, math.inf, 0
         self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
 
     def _goes_on(self) -> tuple[bool, bool]:
@@ -140,7 +140,12 @@ class Driving:
 
     def _looked(self) -> Next:
         before, self._before = self._before, self._off()
-        if self._near_enough() < self._before <= self.patience.nearer * before:
+        self._looks += 1
+        doubtful = (
+            self._before + self._uncertain() > ACCEPTED and self._looks <= self.patience.tries
+        )
+        nearer = self._before <= self.patience.nearer * before
+        if self._near_enough() < self._before and (nearer or doubtful):
             self._left_s, self._best = self.patience.come_nearer_s, math.inf
             return self
         return self._judged_pose() if self.rigid else self._judged_bends()
@@ -193,9 +198,12 @@ class Driving:
     def _near_enough(self) -> float:
         """Deviation at which the phase may end: no finer than what is believed is certain."""
         patience = self.patience
-        certain = 2 * float(np.abs(self._outputs(self.belief.deviation)).max())
         loose = patience.loose if self.rigid and not self.last else 1.0
-        return min(patience.near_enough * loose, max(certain, patience.finest))
+        return min(patience.near_enough * loose, max(self._uncertain(), patience.finest))
+
+    def _uncertain(self) -> float:
+        """Two standard deviations of what the phase is judged by, in units of the accuracy."""
+        return 2 * float(np.abs(self._outputs(self.belief.deviation)).max())
 
     def _outputs(self, difference: Array) -> Array:
         """Outputs that the phase is judged by, of a difference of q, in units of the accuracy.
