@@ -141,11 +141,10 @@ class Driving:
     def _looked(self) -> Next:
         before, self._before = self._before, self._off()
         self._looks += 1
-        doubtful = (
-            self._before + self._uncertain() > ACCEPTED and self._looks <= self.patience.tries
-        )
-        nearer = self._before <= self.patience.nearer * before
-        if self._near_enough() < self._before and (nearer or doubtful):
+        doubtful = self._before + self._uncertain() > ACCEPTED
+        tries = self._before <= self.patience.nearer * before
+        tries |= doubtful and self._looks <= self.patience.tries
+        if tries and self._near_enough() < self._before:
             self._left_s, self._best = self.patience.come_nearer_s, math.inf
             return self
         return self._judged_pose() if self.rigid else self._judged_bends()
