@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,6 +35,7 @@ _MOST_TURN_RAD = 0.35  # in an interval, inside a workspace; half a turn fits in
 _MAX_ITERATIONS = 150
 _STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
 _SPARED_M = 2e-4  # by which parts are apart at nodes, for what is between them
+_ALONE = threading.Lock()  # MUMPS, which IPOPT factorises with, fails in two threads at a time
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -157,15 +159,18 @@ def _solved(
     g_lower, g_upper = _constraint_bounds(program, network, problem)
     iterations = 0
     for share in _STARTS:
-        solution = solver(
-            x0=program.pack(guess.states, share * guess.inputs, times),
-            p=program.parameters(np.array(network.sequence, dtype=float), cost, _REGULARISATION),
-            lbx=lower,
-            ubx=upper,
-            lbg=g_lower,
-            ubg=g_upper,
-        )
-        stats = solver.stats()
+        with _ALONE:
+            solution = solver(
+                x0=program.pack(guess.states, share * guess.inputs, times),
+                p=program.parameters(
+                    np.array(network.sequence, dtype=float), cost, _REGULARISATION
+                ),
+                lbx=lower,
+                ubx=upper,
+                lbg=g_lower,
+                ubg=g_upper,
+            )
+            stats = solver.stats()
         status, iterations = solve_status(stats["return_status"]), iterations + stats["iter_count"]
         if status is not SolveStatus.FAILED:
             break
