@@ -16,6 +16,7 @@ from problems import random_problem
 from twosra_mpc import InputError, Plan, Problem, Result, load_plan, load_problem, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.effort import Ending
+from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched
 from twosra_mpc.planning.policy import AT_ONCE, RELYING, Sequences, at_once, miss, relies
@@ -213,3 +214,12 @@ def test_where_more_than_time_counts_there_is_no_risk() -> None:
 def test_uncertainty_that_is_none_is_refused_by_name(key: str, value: list[float]) -> None:
     with pytest.raises(InputError, match=key):
         Uncertainty.parse({key: value}, "robot")
+
+
+def test_runs_rely_on_no_joint_bend_once_one_has_missed() -> None:
+    simulation = simulate(load_problem("paper-1"), disturbance="hard", seed=100)
+    first, *others = simulation.run.plans
+    assert simulation.metrics.reached
+    assert relies(first.sequence)
+    assert others
+    assert not any(relies(other.sequence) for other in others)

@@ -334,7 +334,7 @@ def test_the_top_level_stays_small() -> None:
 # singular shapes, in plans, bounds and checks.
 MOST_CORE_LINES, MOST_CORE_FILES = 29_263, 215
 MOST_LINES = 36_968
-MOST_LINES_OF_TESTS = 32_783
+MOST_LINES_OF_TESTS = 32_791
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 
