@@ -341,7 +341,7 @@ class Problem(Value):
             allowed = f"from {low:zg} to below {lowest:zg} C, where the metal of {name} melts"
             yield InputError("ambient_C", self.ambient, allowed)
             return
-        given = zip(self.temperatures, self.start.melt_fraction or self._unsaid, strict=True)
+        given = zip(self.temperatures, self._shares, strict=True)
         for j, ((now, fraction), (solid, liquid)) in enumerate(zip(given, thresholds, strict=True)):
             field, there = f"start.temperature_C.{j}", _molten_at((solid, liquid), fraction or 0.0)
             if fraction is not None and not 0.0 <= fraction <= 1.0:
@@ -401,25 +401,29 @@ class Problem(Value):
     def _unsaid(self) -> tuple[None, ...]:
         return (None,) * self.robot.coordinates.segments
 
+    @property
+    def _shares(self) -> Sequence[float | None]:
+        """Melt fractions that are told, 0 or 1 to rounding."""
+        told = self.start.melt_fraction or self._unsaid
+        return [share and _nearest(share, (0.0, 1.0), _SAME_SHARE) for share in told]
+
     @cached_property
     def temperatures(self) -> Sequence[float]:
         """Temperatures of the segments' metal at t = 0, thresholds to rounding [C]."""
-        spans, shares = self.segment_thresholds_C, self.start.melt_fraction or self._unsaid
+        spans = self.segment_thresholds_C
         found = self.start.temperature_C or (
-            _molten_at(span, share) if (share or 0.0) > _SAME_SHARE else self.ambient
-            for share, span in zip(shares, spans, strict=True)
+            _molten_at(span, share) if share else self.ambient
+            for share, span in zip(self._shares, spans, strict=True)
         )
         return tuple(_nearest(now, span, _SAME_C) for now, span in zip(found, spans, strict=True))
 
     @cached_property
     def melt_fractions(self) -> Sequence[float]:
         """Melt fraction of each segment at t = 0: 0 where it is solid to rounding, 1 liquid."""
-        said = zip(self.start.melt_fraction or self._unsaid, self.temperatures, strict=True)
+        said = zip(self._shares, self.temperatures, self.segment_thresholds_C, strict=True)
         return tuple(
-            _molten(now, *span)
-            if share is None or span[0] < span[1]
-            else _nearest(share, (0.0, 1.0), _SAME_SHARE)
-            for (share, now), span in zip(said, self.segment_thresholds_C, strict=True)
+            _molten(now, *span) if share is None or span[0] < span[1] else share
+            for share, now, span in said
         )
 
     @cached_property

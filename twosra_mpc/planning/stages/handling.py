@@ -153,8 +153,7 @@ class Handling:
         found = grasp_touches(self.problem.robot, thing, GRASP_GAP_M)
         touches = list(found.touches)
         if task.hold == "caged":
-            geometry = self.problem.robot.geometry
-            touches, known = [], dict[object, bool]()
+            touches, known, geometry = [], dict[object, bool](), self.problem.robot.geometry
             for number, each in enumerate(found.touches):
                 if touches and number >= _MOST_TESTED:
                     break
@@ -218,8 +217,7 @@ class Handling:
             thing, pose = world.obstacles[world.names.index(task.object)], np.zeros(POSE)
         found = conform_touches(self.problem.robot, thing, task.segments, task.gap_m)
         if not found.touches:
-            reasons = "; ".join(found.refused)
-            self.refused.append(f"nothing conforms to {task.object}: {reasons}")
+            self.refused.append(f"nothing conforms to {task.object}: {'; '.join(found.refused)}")
         for touch in _a_few(found.touches):
             ends = placed(touch, pose, thing, task.directions_rad)
             if not len(ends.poses):
