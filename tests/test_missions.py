@@ -233,8 +233,9 @@ def one_by_one(problem: Problem) -> float:
         x, y, phi, *kappa = made.samples.q[-1].tolist()
         total += made.cost.total
         ends = zip(made.samples.temperature_C[-1], problem.segment_thresholds_C, strict=True)
-        warm = tuple(min(float(now), solid - 1e-6) for now, (solid, _) in ends)
-        shape = {"kappa_per_m": tuple(kappa), "temperature_C": warm}
+        warm = tuple(min(float(now), solid) for now, (solid, _) in ends)
+        metal = {"temperature_C": warm, "melt_fraction": (0.0,) * len(warm)}
+        shape = {"kappa_per_m": tuple(kappa), **metal}
         start = start.with_values(x_m=x, y_m=y, phi_rad=phi, **shape)
     return total
 

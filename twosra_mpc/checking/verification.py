@@ -254,7 +254,7 @@ def _lever_margin(trajectory: Trajectory) -> float:
         if np.ptp(bends) * length <= STILL_RAD:
             continue
         at = np.append(0.0, np.abs(np.diff(bends)).cumsum())
-        way = np.interp(np.union1d(at, np.arange(0.0, at[-1], _STEP_PER_M)), at, bends)
+        way = np.interp(np.sort([*at, *np.arange(0.0, at[-1], _STEP_PER_M)]), at, bends)
         shapes = np.tile(samples.q[first, POSE:], (len(way), 1))
         shapes[:, j] = way
         lever = bend_levers(robot, shapes, j)
