@@ -422,8 +422,10 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
         rises = [(sign * np.subtract(each.end_C, each.begin_C)).max() for each in of_kind]
         if np.median(rises) < plausibility.LEAST_CHANGE_K or not all(told):
             value = f"{kind}: {np.median(rises):+z.3g} K in the right direction (median)"
-            allowed = "readings that rise in melts, targets 1 (soft), and fall in freezes, 0 (rigid)"
-            allowed += ": are labels swapped?"
+            allowed = (
+                "readings that rise in melts, targets 1 (soft), and fall in freezes, 0 (rigid):"
+            )
+            allowed += " are labels swapped?"
             raise InputError("kind", value, allowed, source)
         if kind == "melt":
             rates = [rise / each.duration_s for rise, each in zip(rises, of_kind, strict=True)]
