@@ -237,8 +237,8 @@ def bends_around(problem: Problem | Alone, sequence: ModeSequence, bends: Array)
             edges = [(_INSIDE * sign * most - here - at) / grows for sign in (-1.0, 1.0)]
             rests = -bends / along  # where a phase does
         steps = np.append(most.max() * np.linspace(-2.0, 2.0, _TRIED), [*np.ravel(edges), *rests])
-        for step in steps[np.isfinite(steps)]:
-            tried = bends + step * along
+        several = bends + steps[np.isfinite(steps), None] * along
+        for tried in several[np.abs(several).sum(axis=1).argsort(kind="stable")]:
             ends = here + np.cumsum(tried[:, None] * modes, axis=0)
             begins = np.vstack([here, ends[:-1]])
             passed = begins[:, None] + share * (ends - begins)[:, None]
@@ -251,6 +251,7 @@ def bends_around(problem: Problem | Alone, sequence: ModeSequence, bends: Array)
                 broken_by_shapes(problem.robot, np.concatenate(shapes)) is None
             ):
                 found.append(tried)
+                break
     return min(found, key=lambda each: float(np.abs(each).sum()), default=None)
 
 
