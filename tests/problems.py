@@ -30,6 +30,11 @@ def at_once(robot: Robot) -> Robot:
     return robot.with_values(limits=type(robot.limits)(**limits))
 
 
+def bold(robot: Robot) -> Robot:
+    """The robot, though its wheels may have no lever on a segment that is soft alone."""
+    return robot.with_values(limits=robot.limits.with_values(bend_lever=None))
+
+
 def exactly(problem: Problem) -> Problem:
     """The problem with its goal to be met exactly."""
     return problem.with_values(goal=problem.goal.with_values(tolerance="exact"))

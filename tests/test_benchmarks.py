@@ -54,7 +54,7 @@ from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
 
-TINY = ('problems=["tiny:2"]', "repeats=1")
+TINY = ('problems=["tiny:4"]', "repeats=1")
 ONE = 'problems=["published:1"]'
 GOALS = ("goals", "count=20")
 
@@ -70,7 +70,7 @@ def benchmark(folder: Path, name: str, *settings: str) -> Result:
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
-    """The folder of a finished run of two problems, and what was printed."""
+    """The folder of a finished run of four problems, and what was printed."""
     folder = tmp_path_factory.mktemp("tiny")
     return folder, benchmark(folder, "published", *TINY)
 
@@ -309,7 +309,7 @@ def test_nothing_is_worse_than_greedy(tiny: tuple[Path, Result]) -> None:
     folder, done = tiny
     assert done.exit_code == 0, done.output
     assert (folder / "report.md").read_text() == done.stdout
-    assert "| optimal | 100 % (2 of 2) | 100 % (2 of 2) | 2 |" in done.stdout
+    assert "| optimal | 100 % (4 of 4) | 100 % (4 of 4) | 4 |" in done.stdout
     largest = re.search(r"Cost over the greedy.* / ([0-9.]+)\.\n", done.stdout)
     assert largest is not None
     assert float(largest.group(1)) <= 1.0
@@ -343,7 +343,7 @@ def test_success_and_correct_rates_differ_when_a_plan_does_not_verify(
     tiny: tuple[Path, Result], tmp_path: Path
 ) -> None:
     folder = shutil.copytree(tiny[0], tmp_path / "again")
-    study = STUDIES["published"].with_values(problems=("tiny:2",), repeats=1)
+    study = STUDIES["published"].with_values(problems=("tiny:4",), repeats=1)
     log = open_log("published", study, folder)
     (case, planners), *_ = results_of(study, log)
     assert all(one["optimal"].correct for _, one in results_of(study, log))
@@ -356,7 +356,7 @@ def test_success_and_correct_rates_differ_when_a_plan_does_not_verify(
             {**planners, "optimal": wrong}, mode="json"
         ))  # fmt: skip
         text = write_report(study, log, folder)
-        assert "| optimal | 100 % (2 of 2) | 50 % (1 of 2) |" in text
+        assert "| optimal | 100 % (4 of 4) | 75 % (3 of 4) |" in text
         assert f"Not correct: {case.problem} (optimal): says it has a plan" in text
 
 

@@ -10,7 +10,7 @@ import itertools
 
 import numpy as np
 import pytest
-from problems import overlapping_on_the_way_to
+from problems import bold, overlapping_on_the_way_to
 
 from benchmarks.attack.body import overlap_m2
 from twosra_mpc import (
@@ -152,8 +152,9 @@ def test_bounds_forgive_the_overlap_that_verification_forgives(overlap_m: float)
     modes = ((0, 0), (1, 0))
     given = ROBOT.geometry
     slim = {key: getattr(given, key) - 1e-3 for key in ("wheel_thickness_m", "unit_frame_m")}
-    slimmer = ROBOT.with_values(geometry=given.with_values(**slim, wheels=placed_as(given)))
-    asked = Problem(robot=ROBOT, start=start, goal=goal, modes=modes)
+    robot = bold(ROBOT)
+    slimmer = robot.with_values(geometry=given.with_values(**slim, wheels=placed_as(given)))
+    asked = Problem(robot=robot, start=start, goal=goal, modes=modes)
     passes = plan(asked.with_values(robot=slimmer))
     assert passes.plan is not None
     found = plan(asked)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from flint import arb
-from problems import exactly, overlapping_on_the_way_to, random_problem
+from problems import bold, exactly, overlapping_on_the_way_to, random_problem
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc import installation as installed
@@ -69,7 +69,7 @@ NARROW = {"x_m": 0.05, "y_m": 0.1, "phi_rad": 0.3}
 PROBLEMS = {
     **{f"paper-{n}": load_problem(f"paper-{n}") for n in (1,)},
     **{f"paper-{n}, spirals": load_problem(f"paper-{n}", robot="2sra-v1-paper") for n in (2,)},
-    "three segments": load_problem("three-segments"),
+    "three segments": load_problem("three-segments", robot=bold(load_robot("3sra"))),
     "exact arcs": exactly(random_problem(1, V1)),
     "corrected spirals": random_problem(
         2, with_path_model(load_robot("2sra-v1-paper"), "log_spiral_corrected")

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from problems import bold
 
-from twosra_mpc import Goal, Problem, Robot, Start, load_plan, load_problem, load_robot, plan
+from twosra_mpc import Goal, Problem, Start, load_plan, load_problem, load_robot, plan
 from twosra_mpc.analysis.explanation import explain
 from twosra_mpc.checking.body import bend_levers as own_levers
 from twosra_mpc.checking.verification import verify
@@ -22,10 +23,6 @@ from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 ARC = load_robot("2sra-v1")
 ONE_AT_A_TIME = (RIGID, SOFT_1, SOFT_2)
-
-
-def bold(robot: Robot) -> Robot:
-    return robot.with_values(limits=robot.limits.with_values(bend_lever=None))
 
 
 @pytest.mark.parametrize("name", ["2sra-v1", "3sra", "2sr-v2"])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from once import planned, solution, solved
-from problems import at, goal_tree, only_goal
+from problems import at, bold, goal_tree, only_goal
 from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
@@ -110,8 +110,9 @@ def test_a_mirrored_scene_has_a_mirrored_plan() -> None:
         return {**end, "y_m": -end["y_m"], "phi_rad": -end["phi_rad"], "kappa_per_m": bends}
 
     other = {"disc": {**post["disc"], "y_m": -0.06}}
-    one = plan(problem(post, start=ends[0], goal=ends[1]))
-    two = plan(problem(other, start=mirrored(ends[0]), goal=mirrored(ends[1])))
+    robot = bold(ROBOT)  # levers tell left from right
+    one = plan(problem(post, robot=robot, start=ends[0], goal=ends[1]))
+    two = plan(problem(other, robot=robot, start=mirrored(ends[0]), goal=mirrored(ends[1])))
     assert one.status == two.status
     # wheels of the two units sit on opposite sides, so mirrored drives take other times
     assert two.require().cost.total == pytest.approx(one.require().cost.total, rel=0.02)

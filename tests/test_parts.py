@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, exactly, faster_robot, network_of, random_problem
+from problems import ROBOT, bold, bound_of, exactly, faster_robot, network_of, random_problem
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
@@ -31,9 +31,8 @@ SEQUENCES: list[ModeSequence] = [
 @pytest.fixture(scope="module")
 def unlucky() -> Problem:
     """A problem whose direct ways all pass shapes in which the units would overlap."""
-    robot = load_robot("2sra-v1")
     return Problem(
-        robot=robot.with_values(limits=robot.limits.with_values(bend_lever=None)),
+        robot=bold(load_robot("2sra-v1")),
         start=Start(x_m=0.2349, y_m=-0.1488, phi_rad=-1.5485, kappa_per_m=(-35.964, 58.98)),
         goal=Goal(x_m=-0.1067, y_m=0.0526, phi_rad=3.0827, kappa_per_m=(54.008, -54.918)),
     )

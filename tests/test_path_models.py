@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from problems import ROBOT, random_problem
+from problems import ROBOT, bold, random_problem
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
@@ -188,8 +188,7 @@ def test_the_follow_up_robot_is_planned_for() -> None:
 
 def test_a_narrow_dip_of_the_gap_on_the_way_of_a_bend_is_found() -> None:
     """Wheels overlap the other unit for a moment, and 41 shapes on the way miss it."""
-    robot = load_robot("2sra-v1")
-    robot = robot.with_values(limits=robot.limits.with_values(bend_lever=None))
+    robot = bold(load_robot("2sra-v1"))
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(-31.0, 29.5))
     goal = Goal(kappa_per_m=(57.3, 29.5))
     task, facts = bending_task(Problem(robot=robot, start=start, goal=goal)), bending(robot)

@@ -40,6 +40,7 @@ _RECORDED = 1e-5  # phases that move less than this are left out, as published
 _LONGEST_STEP_M = 0.003  # longer soft steps are split, so that the roll-out stays accurate
 _SHORTEST_STEP = 1e-5  # m or rad; shorter ones are joined to the step before
 _FLOW_STEPS = 4
+_LOST = "wheels lose control, or hold of a segment that is soft alone"
 _OTHERWISE = 'allow more modes, or set planner to "optimal"'
 
 
@@ -129,7 +130,7 @@ def plan_greedily(problem: Problem) -> Result:
         elif path.ending is GreedyEnding.REACHED:
             visited = motion.states[:, :, POSE:].reshape(-1, problem.robot.coordinates.segments)
             broken = broken_by_shapes(problem.robot, visited)
-            words = "wheels lose control" if broken is None else broken.words(problem.robot.limits)
+            words = _LOST if broken is None else broken.words(problem.robot.limits)
             reason = f"its path leads through shapes whose {words}"
         status, message = Status.FAILED, f"the greedy rule found no plan: {reason}; {_OTHERWISE}"
     else:

@@ -8,7 +8,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -36,7 +36,7 @@ from twosra_mpc.problem.tolerances import (
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, ModeSequence
 
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
@@ -333,6 +333,12 @@ def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     margins[:-1] = np.where(crossed, -large, np.minimum(left, left_then))
     margins[:-1][~against], margins[-1] = np.inf, left_then[-1]
     return np.where(np.abs(margins) <= LEVER_TOLERANCE, 0.0, margins)
+
+
+def levers_kept(robot: Robot | Body, sequence: ModeSequence, ways: Iterable[Array]) -> bool:
+    """Truth: the bend through the shapes (m, n) of each of these phases keeps `BEND_LEVER`."""
+    margins = (bend_margins(robot, *of) for of in zip(sequence, ways, strict=True))
+    return all(each.min() >= 0 for each in margins)
 
 
 def singular_bend(

@@ -20,8 +20,8 @@ from twosra_mpc.problem.limits import (
     WHEEL_ACCELERATION,
     WHEEL_SPEED,
     SpeedLimit,
-    bend_margins,
     broken_by_shapes,
+    levers_kept,
     may_drive_in,
     settled,
     shape_margins,
@@ -118,9 +118,8 @@ def shapes_allowed(motion: Motion, still: float) -> bool:
     drives = [is_rigid(mode) and far for mode, far in zip(motion.sequence, moved, strict=True)]
     if broken_by_shapes(motion.robot, np.concatenate([kappa[:, 0], *visited])) is not None:
         return False
-    for mode, shapes in zip(motion.sequence, kappa, strict=True):
-        if bend_margins(motion.robot, mode, shapes).min() < 0:
-            return False
+    if not levers_kept(motion.robot, motion.sequence, kappa):
+        return False
     return bool(may_drive_in(motion.robot, kappa[drives, 0]).all()) if any(drives) else True
 
 

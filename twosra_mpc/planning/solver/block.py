@@ -32,10 +32,12 @@ class Block:
     Attributes:
         inputs: Input displacements, (phases, intervals, 5) [m].
         nodes: Configurations on the way, (m, 3 + n), the first at the origin.
+        ways: Shapes on the way of each phase, (m, n) each.
     """
 
     inputs: Array
     nodes: Array
+    ways: tuple[Array, ...]
 
     @property
     def displacement(self) -> Array:
@@ -66,15 +68,17 @@ def block(
         shares: Of the travel of the two locomotion units; see ``model.flow.bending_step``.
         fine: Times as many nodes as usual.
     """
-    nodes = [np.append(np.zeros(POSE), shape)[None]]
+    nodes, ways = [np.append(np.zeros(POSE), shape)[None]], list[Array]()
     inputs = np.zeros((len(modes), INTERVALS, 5))
     for i, (mode, bend) in enumerate(zip(modes, bends, strict=True)):
+        ways.append(nodes[-1][-1:, POSE:])  # where it rests
         if bend != 0.0:
             count = fine * _NODES
             states, travel = bent(robot, nodes[-1][-1], mode, bend, INTERVALS * count, shares)
             inputs[i, :, :2] = travel.reshape(INTERVALS, count, 2).sum(axis=1)
             nodes.append(states[1:])
-    return Block(inputs, np.concatenate(nodes))
+            ways[-1] = states[:, POSE:]
+    return Block(inputs, np.concatenate(nodes), tuple(ways))
 
 
 class Sweep:

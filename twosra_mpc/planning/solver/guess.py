@@ -25,7 +25,7 @@ from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import bend_margins, broken_by_shapes, workspace_margins
+from twosra_mpc.problem.limits import broken_by_shapes, levers_kept, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
@@ -216,7 +216,7 @@ def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) 
     return bends + max(0.0, float(share)) * step
 
 
-def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Array | None:
+def bends_around(problem: Problem | Alone, sequence: ModeSequence, bends: Array) -> Array | None:
     """Other bends to the same shape, on whose way no shape is forbidden; None if none are found.
 
     Looked for along the directions in which the sequence may bend to and fro, the least of them.
@@ -235,9 +235,10 @@ def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Arra
         grows, at = (np.cumsum(each[:, None] * modes, axis=0) for each in (along, bends))
         with np.errstate(divide="ignore", invalid="ignore"):  # where it would reach the limits
             edges = [(_INSIDE * sign * most - here - at) / grows for sign in (-1.0, 1.0)]
-        steps = np.append(most.max() * np.linspace(-2.0, 2.0, _TRIED), np.ravel(edges))
-        for step in steps[np.isfinite(steps)]:
-            tried = bends + step * along
+            rests = -bends / along  # where a phase does
+        steps = np.append(most.max() * np.linspace(-2.0, 2.0, _TRIED), [*np.ravel(edges), *rests])
+        several = bends + steps[np.isfinite(steps), None] * along
+        for tried in several[np.abs(several).sum(axis=1).argsort(kind="stable")]:
             ends = here + np.cumsum(tried[:, None] * modes, axis=0)
             begins = np.vstack([here, ends[:-1]])
             passed = begins[:, None] + share * (ends - begins)[:, None]
@@ -246,11 +247,11 @@ def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Arra
             shapes = np.stack(
                 [facts.curvature(passed[:, :, j], j) for j in range(modes.shape[1])], axis=-1
             )
-            kept = (bend_margins(problem.robot, *of) for of in zip(sequence, shapes, strict=True))
-            if broken_by_shapes(problem.robot, np.concatenate(shapes)) is None and (
-                min(each.min() for each in kept) >= 0
+            if levers_kept(problem.robot, sequence, shapes) and (
+                broken_by_shapes(problem.robot, np.concatenate(shapes)) is None
             ):
                 found.append(tried)
+                break
     return min(found, key=lambda each: float(np.abs(each).sum()), default=None)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from twosra_mpc.planning.solver.block import Block, Shares, Sweep, block
 from twosra_mpc.planning.solver.stations import HIDDEN_S, Chain, Stations, around, between, chains
 from twosra_mpc.planning.stages.variants import Placement
-from twosra_mpc.problem.limits import broken_by_shapes
+from twosra_mpc.problem.limits import broken_by_shapes, levers_kept
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
@@ -369,11 +369,13 @@ def _blocks(
     """The blocks of a stage, as far as their shapes are allowed."""
     robot = problem.robot
     for run in soft_runs(sequence):
-        modes = [sequence[i] for i in run]
+        modes = tuple(sequence[i] for i in run)
         fine = _FINE if stage.stage.touches else 1
         made = block(robot, shape, modes, bends[run].tolist(), shares, fine)
         far = float(np.hypot(*made.displacement[:2])) > robot.limits.soft_travel_m
         if far or broken_by_shapes(robot, made.nodes[:, POSE:]) is not None:
+            return
+        if not levers_kept(robot, modes, made.ways):
             return
         yield made
         shape = made.shape

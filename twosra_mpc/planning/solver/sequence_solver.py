@@ -40,6 +40,7 @@ from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GoalSet, inner_goal
+from twosra_mpc.problem.limits import levers_kept
 from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
@@ -146,11 +147,13 @@ class GoalSolver:
         self, network: TemporalNetwork, bound: SequenceBound
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
-        problem, (guess, first) = self.problem, self._cheapest_guess(network, bound)
+        problem, (direct, (guess, first)) = self.problem, self._cheapest_guess(network, bound)
         yield first
         at_once = np.zeros(network.layout.phases)
         if first is None and feasible_schedule(network, at_once, problem) is None:
             return  # no motion changes that
+        if not levers_kept(problem.robot, network.sequence, direct.states[:, :, POSE:]):
+            return  # a nonlinear program, which knows of no levers, would bend so too
         if first is not None and first[0] - bound.cost < self._least_s:
             return
         starts = [guess]
@@ -168,8 +171,10 @@ class GoalSolver:
             self.iterations += candidate.iterations if candidate else 0
             yield checked(self._asked, candidate, network)
 
-    def _cheapest_guess(self, network: TemporalNetwork, bound: SequenceBound) -> Guessed:
-        """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
+    def _cheapest_guess(
+        self, network: TemporalNetwork, bound: SequenceBound
+    ) -> tuple[Motion, Guessed]:
+        """The first guess; and the first that is a plan or, if beyond the gap, the cheapest."""
         problem, sequence = self.problem, network.sequence
         inside = inner_bends(sequence, bound.bends, self._box, self._aim)
         usable = may_drive(problem, sequence)
@@ -186,13 +191,14 @@ class GoalSolver:
         best = min(tried, key=_cost)
         cost = _cost(best)
         if math.isinf(cost) or cost - bound.cost <= problem.gap * cost:
-            return best
+            return tried[0][0], best
         others = drives[1:] if np.array_equal(inside, bound.bends) else drives
         more = [self._guess(network, bound.bends, other) for other in others]  # to the goal's edge
         guess, candidate = min(more, key=lambda each: _end_s(each[1]), default=(best[0], None))
         if _end_s(candidate) >= _end_s(best[1] and best[1][1].candidate):
-            return best
-        return min(best, (guess, self._guessed_plan(self._asked, candidate, network)), key=_cost)
+            return tried[0][0], best
+        other = guess, self._guessed_plan(self._asked, candidate, network)
+        return tried[0][0], min(best, other, key=_cost)
 
     def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
         """The guess that bends as told and drives in one phase, and the plan that it is."""
@@ -268,6 +274,10 @@ def _motion(
     alone = Alone(problem.robot, start, goal, problem.workspace)
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
+    if not levers_kept(alone.robot, sequence, made.states[:, :, POSE:]):
+        if (around := bends_around(alone, sequence, bends)) is None:
+            return None
+        made = guess_motion(alone.robot, q, goal, sequence, around, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)
 
 
