@@ -330,11 +330,11 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 # 268 lines and a file prove the bounds of missions anew, what tasks ask being read there for a
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
-# 300 and three files plan for joint bends that end elsewhere, with a bound; 180 are the limit of
+# 300 and three files plan for joint bends that end elsewhere, with a bound; 200 are the limit of
 # singular shapes, in plans, bounds and checks.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_263, 215
-MOST_LINES = 36_968
-MOST_LINES_OF_TESTS = 32_791
+MOST_CORE_LINES, MOST_CORE_FILES = 28_786, 209
+MOST_LINES = 36_534
+MOST_LINES_OF_TESTS = 32_792
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 
