@@ -19,7 +19,7 @@ from twosra_mpc.validation import OneOrMore
 
 SIZES = 5, 9, 17, 33  # points a side, coarse to fine: each has all points of the one before
 _REACH_M, _BENT = 0.3, 0.8  # either way; share of the largest curvature
-_WORK = 300.0  # units a point, unless the problem says how many
+WORK = 300.0  # units a point
 
 
 @public
@@ -63,16 +63,15 @@ def goal_coordinates(problem: Problem) -> dict[str, tuple[float, float]]:
 
 @public
 def goal_map(
-    problem: Problem, over: Sequence[str], sizes: OneOrMore[int] = SIZES[:3]
+    problem: Problem, over: Sequence[str], sizes: OneOrMore[int] = SIZES[:3], work: float = WORK
 ) -> Iterator[Cell]:
     """Plan a problem for goals on a grid, coarse to fine; each as soon as it is planned.
-
-    A point may take the ``work_limit`` that the problem was given; 300 units, if it was given none.
 
     Args:
         problem: The problem.
         over: Two coordinates, such as ``("kappa1", "kappa2")``; see `goal_coordinates`.
         sizes: Points a side of the grids in turn; what one has is not planned for the next again.
+        work: Units that a point may take.
 
     Raises:
         InputError: If there are no such coordinates.
@@ -87,7 +86,7 @@ def goal_map(
             for x in lines[0]:
                 if (x, y) not in done:
                     done.add((x, y))
-                    yield _cell(problem, over, (x, y))
+                    yield _cell(problem, over, (x, y), work)
 
 
 def moved(problem: Problem, over: Sequence[str], at: tuple[float, float]) -> Problem:
@@ -108,8 +107,7 @@ def moved(problem: Problem, over: Sequence[str], at: tuple[float, float]) -> Pro
     return problem.with_values(goal=goal.with_values(**values))
 
 
-def _cell(problem: Problem, over: Sequence[str], at: tuple[float, float]) -> Cell:
-    work = problem.work_limit if "work_limit" in problem.model_fields_set else _WORK
+def _cell(problem: Problem, over: Sequence[str], at: tuple[float, float], work: float) -> Cell:
     try:
         with limited(work, math.inf):
             result = plan(moved(problem, over, at))

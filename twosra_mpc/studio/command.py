@@ -60,12 +60,13 @@ def map_command(
     Which sequence is best for which shape?
       twosra map paper-1 --over kappa1,kappa2 --plot map.png
     """
-    from twosra_mpc.analysis.goal_map import goal_map
+    from twosra_mpc.analysis.goal_map import WORK, goal_map
 
-    names = [name.strip() for name in over.split(",")]
+    names, problem = [name.strip() for name in over.split(",")], load(scenario)
+    work = problem.work_limit if "work_limit" in problem.model_fields_set else WORK
     with output.progress("mapping") as tell:
         cells = []
-        for cell in goal_map(load(scenario), names, (size,)):
+        for cell in goal_map(problem, names, (size,), work):
             cells.append(cell)
             tell(f"mapping: {len(cells)} of {size**2} points")
     if plot is not None:
