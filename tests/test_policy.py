@@ -99,14 +99,14 @@ def test_the_best_of_small_trees_is_found_and_costs_what_its_runs_do(seed: int) 
         for each in every_plan(problem)
     ]
     assert policy.cost_s <= min(trees) * (1 + problem.gap)
-    assert policy.lower_bound_s <= min(trees)
+    assert policy.least_s <= min(trees)
     drawn = rng.integers(len(bends), size=4000)
     each = np.array([walked_s(result.require(), bend, by_hand=False) for bend in bends])
     assert each[drawn].mean() == pytest.approx(policy.cost_s, rel=0.01)
     assert policy.mean_s == pytest.approx(policy.cost_s)
     quantile = plan(problem, risk=0.9).policy
     assert quantile is not None
-    assert quantile.lower_bound_s <= quantile.cost_s
+    assert quantile.least_s <= quantile.cost_s
 
 
 @pytest.mark.parametrize("name", [f"paper-{number}" for number in range(1, 6)])
@@ -114,7 +114,7 @@ def test_published_problems_have_a_policy_near_its_bound(name: str) -> None:
     result = plan(load_problem(name), risk="mean")
     policy, made = result.policy, result.require()
     assert policy is not None
-    assert policy.lower_bound_s <= policy.cost_s <= 1.15 * policy.lower_bound_s
+    assert policy.least_s <= policy.cost_s <= 1.15 * policy.least_s
     assert made.lower_bound == pytest.approx(plan(load_problem(name)).lower_bound)
     assert sum(each.probability for each in policy.branches) <= 1.0
     assert all("segment" in words for words in policy.words[1:])

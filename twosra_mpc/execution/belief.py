@@ -10,7 +10,7 @@ import numpy as np
 
 from twosra_mpc.control.stiffness import KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
-from twosra_mpc.execution.camera_filter import COASTING, CameraFilter, only, usable
+from twosra_mpc.execution.camera_filter import CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import (
     Guard,
@@ -30,6 +30,7 @@ from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _LATELY = 3  # periods whose motion the guard expects to go on
+_COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
@@ -416,7 +417,7 @@ class Belief:
         guard = self.guard
         if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return
-        ahead_s = (1 + COASTING) * self.camera.period_s
+        ahead_s = (1 + _COASTING) * self.camera.period_s
         told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
         places = np.array([self.q, told, self.q + ahead_s * self._rate()])
         if guard is not None and guard.forbids(mode, places, self.deviation):

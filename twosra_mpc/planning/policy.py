@@ -3,6 +3,9 @@
 Segments that are soft together share a bend as the fibre likes, and the wheels decide one number:
 where several have to be right at its end (`relies`), it may miss, and the rest is planned again,
 with melts and freezes in series. A policy is a plan with that recourse, and its price.
+
+The least of any policy is an estimate: it is made of proved bounds of plans whose joint bends are
+equal, and a split that by chance spares a bend before it undercuts those.
 """
 
 from __future__ import annotations
@@ -91,11 +94,11 @@ def _best(plan: Plan) -> tuple[Plan, Policy]:
     if not policy.branches or (other := _relying_on_none(problem)) is None:
         return plan, policy
     chance, later_s = _chance(problem, bends), max(least_s, _bound_s(other, AT_ONCE))
-    bound_s = priced([(chance, least_s), (1 - chance, later_s)], problem.risk)
-    surer = _policy(other, bends, bound_s)
+    least_any_s = priced([(chance, least_s), (1 - chance, later_s)], problem.risk)
+    surer = _policy(other, bends, least_any_s)
     if surer.cost_s < policy.cost_s:
         return replace(other, lower_bound=plan.lower_bound), surer
-    return plan, policy._replace(lower_bound_s=bound_s)
+    return plan, policy._replace(least_s=least_any_s)
 
 
 def _relying_on_none(problem: Problem) -> Plan | None:
@@ -125,7 +128,7 @@ def _bound_s(plan: Plan, excluded: Container[ModeSequence] = ()) -> float:
     return 0.0 if excluded or plan.lower_bound is None else plan.lower_bound
 
 
-def _policy(plan: Plan, bends: Sequence[JointBend], bound_s: float) -> Policy:
+def _policy(plan: Plan, bends: Sequence[JointBend], least_s: float) -> Policy:
     """The plan with what is done wherever a joint bend misses."""
     share, found = 1 / len(bends), list[Branch]()
     for bend in bends:
@@ -146,7 +149,7 @@ def _policy(plan: Plan, bends: Sequence[JointBend], bound_s: float) -> Policy:
     risk, planned_s = plan.problem.risk, _known_s(plan)
     went_well = 1 - share * len(found)
     costs = [(went_well, planned_s), *((share, each.cost_s) for each in found)]
-    return Policy(risk, priced(costs, risk), bound_s, planned_s, tuple(branches))
+    return Policy(risk, priced(costs, risk), least_s, planned_s, tuple(branches))
 
 
 def miss(plan: Plan, bend: JointBend) -> tuple[int, Array, float] | None:

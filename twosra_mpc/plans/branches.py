@@ -61,14 +61,14 @@ class Policy(NamedTuple):
     Attributes:
         risk: What of the cost counts: "mean", or a quantile.
         cost_s: That mean or quantile.
-        lower_bound_s: Proved lower bound on that of all policies.
+        least_s: Estimate of the least that any policy has; not proved, see ``planning.policy``.
         planned_s: Cost where everything goes as planned.
         branches: What may follow instead.
     """
 
     risk: Risk
     cost_s: float
-    lower_bound_s: float
+    least_s: float
     planned_s: float
     branches: tuple[Branch, ...] = ()
 
@@ -87,8 +87,8 @@ class Policy(NamedTuple):
     def words(self) -> tuple[str, ...]:
         """What is expected, and what follows in each branch, in words."""
         what = "expected" if self.risk == "mean" else f"{self.risk:zg} quantile"
-        bound = f"no policy below {self.lower_bound_s:z.1f} s"
-        first = f"{what} {self.cost_s:z.1f} s as confirmed, {bound}"
+        least = f"the least of any policy estimated at {self.least_s:z.1f} s"
+        first = f"{what} {self.cost_s:z.1f} s as confirmed, {least}"
         return first, *(self._words(each) for each in self.branches)
 
     def _words(self, branch: Branch) -> str:
