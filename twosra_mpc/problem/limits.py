@@ -326,7 +326,7 @@ def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     straight = STRAIGHT_RAD / length
     side = np.where(end[:, j] < 0, -1.0, 1.0)  # no spring pulls before it is left
     begin[:, j] = side * np.maximum(side * begin[:, j], straight)
-    ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
+    ((one, _), left), ((other, _), left_then) = (levers_left(robot, j, k, k) for k in (begin, end))
     small, large = np.sort(np.abs([one, other]), axis=0)
     crossed = (one * other < 0) & (small > LEVER_TOLERANCE)
     against = np.abs(end[:, j]) > np.abs(begin[:, j])
@@ -363,7 +363,7 @@ def singular_bend(
     since = max(side * begin, STRAIGHT_RAD / length) + off_per_m[j]
     passed = np.tile(kappa[-1], (_STATIONS, 1))
     passed[:, j] = side * np.linspace(min(since, side * end), side * end, _STATIONS)
-    (low, high), left = _levers(robot, j, passed - off_per_m, passed + off_per_m)
+    (low, high), left = levers_left(robot, j, passed - off_per_m, passed + off_per_m)
     crosses = low.max() > CERTAIN_LEVER and high.min() < -CERTAIN_LEVER
     against = side * end > since
     worst = left.min() if against else left[-1] if ends else 0.0
@@ -372,7 +372,7 @@ def singular_bend(
     return f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
 
 
-def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
+def levers_left(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
     """Bounds of the lever on a segment in boxes of shapes, (2, m), and the most that is left."""
     levers = bend_levers(robot.body)
     exact = (low == high).all()

@@ -35,6 +35,7 @@ class Leaves:
         relaxation: Rates and room of the bending coordinates.
         bounds: Of sequences of all stages, as far as they were asked for.
         motion_s: Least time in which every plan moves [s], once it is asked for.
+        detours: Whether bends of a bound have passed a forbidden shape: others may have to, too.
     """
 
     variants: Sequence[Stages]
@@ -42,6 +43,7 @@ class Leaves:
     relaxation: StageRelaxation
     bounds: dict[Whole, SequenceBound] = field(default_factory=dict)
     motion_s: float | None = None
+    detours: bool = False
     _first: dict[tuple[int, tuple[ModeSequence, ...]], tuple[float, SequenceBound | None]] = field(
         default_factory=dict
     )
@@ -130,10 +132,23 @@ class Leaves:
             first, task, self.bounds[whole].bends[: len(first)]
         )
 
+    def no_way(self, whole: Whole) -> bool:
+        """True if it is known that every way of the first stage passes a forbidden shape."""
+        task, first = self.variants[whole.variant][0].bend, whole.sequences[0]
+        asked = self.detours and task is not None and task.detours is not None
+        return asked and task.detours.bends(first) is None
+
     def bend_otherwise(self, whole: Whole) -> None:
         """Look for other bends of the first stage."""
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         assert stage.bend is not None, "only then it is known what they pass"
+        self.detours = True
+        if stage.bend.detours is not None:
+            known, bends = self.bounds[whole], stage.bend.detours.bends(sequence)
+            if bends is not None:
+                bends = np.concatenate([bends, known.bends[len(sequence) :]])
+                self.bounds[whole] = replace(known, bends=bends)
+            return
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
         parts = bound_by_parts(network, stage.bend, self.so_far.weights, least_s, math.inf)
@@ -346,6 +361,9 @@ class Tree(Generic[Solution]):
         if whole is None or self.too_deep(node) or whole.joined in self.excluded:
             return math.inf
         leaf, so_far = whole.joined, self.leaves.so_far
+        if self.leaves.no_way(whole):
+            words = f"{sequence_name(leaf)} cannot get past shapes that are forbidden"
+            return self._infeasible(leaf, words)
         reason = so_far.timing.refusal(leaf, self.leaves.last(whole))
         if (reason := reason or so_far.impossible(whole) or self._blocked(whole)) is not None:
             return self._infeasible(leaf, reason)
@@ -382,6 +400,8 @@ class Tree(Generic[Solution]):
         whole = self.whole(node)
         if whole is None:
             return
+        if self.leaves.detours and self.leaves.first_is_forbidden(whole):
+            self.leaves.bend_otherwise(whole)
         known = self.leaves.bounds[whole]
         network = self.leaves.so_far.network(
             whole, self.leaves.last(whole), [0.0] * len(whole.joined)
