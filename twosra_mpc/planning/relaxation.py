@@ -43,7 +43,7 @@ from twosra_mpc.problem.speeds import (
     rigid_rows_between,
 )
 from twosra_mpc.problem.tasks import MOST_PHASES
-from twosra_mpc.problem.tolerances import BEYOND_PER_M, CERTAIN_LEVER, GOAL_TOLERANCE
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, CERTAIN_END, CERTAIN_LEVER, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
@@ -221,10 +221,12 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
     asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
     def forbidden(mode: Mode, before: Intervals, bend: float, most: float) -> str | None:
-        begin, end, ends = 0.0, bend, abs(most - bend) <= _SAME_BEND * abs(bend)
+        begin, end, last = 0.0, bend, None
+        if sum(mode) == 1 and abs(most - bend) <= _SAME_BEND * abs(bend):
+            last = facts.shapes_on_the_way(mode, before, most, most)[0][-1]
         for look in range(_LOOKS):
             shapes = facts.shapes_on_the_way(mode, before, end, begin)
-            if not look and (words := singular_bend(problem.robot, mode, *shapes, ends)):
+            if not look and (words := singular_bend(problem.robot, mode, *shapes, last)):
                 return words
             gaps_m = most_gaps_m(problem.robot, *shapes)
             least, last = int(gaps_m.argmin()), len(gaps_m) - 1
@@ -295,9 +297,11 @@ def _cells(body: Body) -> Cells:
     for j, mode in enumerate([(1, 0), (0, 1)]):
         at_edges = [kappa[i] if i == j else k for i, k in enumerate(middles)]
         stations = np.stack(np.meshgrid(*at_edges, indexing="ij"), axis=-1)
-        lost = _lever_lost(body, j, stations, np.where(np.arange(_TWO) == j, 0.0, off_per_m))
-        unclear = overlaps | _lever_lost(body, j, shapes, 0.0 * off_per_m)
-        ends = _lever_lost(body, j, shapes, off_per_m)
+        lost = _lever_lost(
+            body, j, stations, np.where(np.arange(_TWO) == j, 0.0, off_per_m), CERTAIN_LEVER
+        )
+        unclear = overlaps | _lever_lost(body, j, shapes, 0.0 * off_per_m, CERTAIN_END)
+        ends = _lever_lost(body, j, shapes, off_per_m, CERTAIN_END)
         sides = [
             np.delete(lost & (side * stations[..., j] > 0), gone, axis=j)
             for side, gone in ((1.0, -1), (-1.0, 0))
@@ -306,13 +310,13 @@ def _cells(body: Body) -> Cells:
     return cells_of((edges[0], edges[1]), costs)
 
 
-def _lever_lost(body: Body, j: int, shapes: Array, off_per_m: Array) -> Bools:
+def _lever_lost(body: Body, j: int, shapes: Array, off_per_m: Array, by: float) -> Bools:
     """Where no shape as near to one of these, (..., n), has the lever that a segment needs."""
     flat = shapes.reshape(-1, _TWO)
-    lost = levers_left(body, j, flat, flat)[1] < -CERTAIN_LEVER
+    lost = levers_left(body, j, flat, flat)[1] < -by
     if off_per_m.any():
         near = flat[lost]
-        lost[lost] = levers_left(body, j, near - off_per_m, near + off_per_m)[1] < -CERTAIN_LEVER
+        lost[lost] = levers_left(body, j, near - off_per_m, near + off_per_m)[1] < -by
     return lost.reshape(shapes.shape[:-1])
 
 
