@@ -5,9 +5,10 @@ by many bends. With d_f those of phases whose modes depend on the modes of other
 the rest follow from them and from the change w that is asked for. So every plan of the sequence
 lies in a box of (w, d_f), which is known: no bend is larger than the curvature limits are apart.
 How fast the robot bends, and which forbidden shapes it passes, is better known in a smaller box.
-The worst one is cut in two again and again, longer where its middle passes such a shape. Each is bounded by least durations of its phases, or
-excluded because its bends pass a forbidden shape whatever they are; the least of these bounds is
-one of the sequence, because the boxes cover all of its plans.
+The worst one is cut in two again and again, longer where its middle passes such a shape. Each is
+bounded by least durations of its phases, or excluded because its bends pass a forbidden shape
+whatever they are; the least of these bounds is one of the sequence, because the boxes cover all of
+its plans.
 """
 
 from __future__ import annotations

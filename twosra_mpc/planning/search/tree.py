@@ -147,7 +147,7 @@ class Leaves:
             known, bends = self.bounds[whole], stage.bend.detours.bends(sequence)
             if bends is not None:
                 bends = np.concatenate([bends, known.bends[len(sequence) :]])
-                self.bounds[whole] = replace(known, bends=bends)
+                self.bounds[whole] = replace(known, bends=bends, detour=True)
             return
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
