@@ -9,28 +9,25 @@ from functools import cache, lru_cache, partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.effort import remembered
 from twosra_mpc.model.bending import bending, from_rest_to_rest
-from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
-from twosra_mpc.planning.bounds.detours import Cells, Detours, cells_of
 from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.planning.bounds.rigid_motion import least_time
 from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
+from twosra_mpc.planning.shape_plane import cells_of
 from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
     CURVATURE,
-    levers_left,
     most_gaps_m,
     overlap_in_words,
     singular_bend,
@@ -43,9 +40,8 @@ from twosra_mpc.problem.speeds import (
     rigid_rows_between,
 )
 from twosra_mpc.problem.tasks import MOST_PHASES
-from twosra_mpc.problem.tolerances import BEYOND_PER_M, CERTAIN_END, CERTAIN_LEVER, GOAL_TOLERANCE
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 from twosra_mpc.timing import TransitionModel, transition_model
 
@@ -55,9 +51,7 @@ _SAME_BEND = 1e-3  # share by which bends differ that end in the same shape
 _MOST_TO_ANY = 3  # phases of a stage of several that may end in any stiffness
 
 _TWO = 2  # segments
-_CELLS, _DEAR = 160, 40.0  # of a plane of shapes, along it; unclear ones in their steps
 
-Bools = NDArray[np.bool_]
 Box = tuple[Array, Array]
 Solution = TypeVar("Solution")
 
@@ -184,12 +178,10 @@ def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
     goal = Goal(kappa_per_m=tuple(shape.tolist()), tolerance=tolerance)
     task = bending_task(Alone(problem.robot, start, goal, None))
     within = np.abs(_w(problem, *before) - task.origin).max(axis=0)
-    begin = np.array(task.origin) + np.array([-within, within])
     return replace(
         task,
         change=_wider(task.change, within),
         room=_wider(task.room, within),
-        detours=task.detours and replace(task.detours, start=begin),
         origin_within=tuple(within.tolist()),
     )
 
@@ -262,67 +254,8 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
         conserved=Conserved(*path_model(problem.robot).conserved),
         curvature=facts.curvatures,
         pose=pose_task(problem),
-        detours=_detours(problem, origin, under, over),
+        plane=partial(cells_of, problem.robot.body) if len(start) == _TWO else None,
     )
-
-
-def _detours(problem: Problem | Alone, origin: Array, low: Array, high: Array) -> Detours | None:
-    """Ways between W past shapes that are forbidden; only of two segments."""
-    if len(origin) != _TWO:
-        return None
-    return Detours(
-        partial(_cells, problem.robot.body), np.array([origin] * 2), np.array([low, high])
-    )
-
-
-@per_body()
-def _cells(body: Body) -> Cells:
-    """The plane of both W of a robot with two segments, and what bends cost there."""
-    facts, most = bending(body), body.limits.curvature_per_m + BEYOND_PER_M
-    most_w = [facts.coordinate(most, j) for j in range(_TWO)]
-    step = 2 * max(most_w) / _CELLS
-    edges = [step * np.arange(-math.ceil(w / step), math.ceil(w / step) + 1) for w in most_w]
-    kappa = [facts.curvature(w, j) for j, w in enumerate(edges)]
-    middles = [(k[:-1] + k[1:]) / 2 for k in kappa]
-    off_per_m = np.array([np.diff(k).max() / 2 for k in kappa])
-    shapes = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
-
-    def cost(impossible: Bools, unclear: Bools) -> Array:
-        return np.where(impossible, math.inf, np.where(_around(unclear), _DEAR * step, 0.0))
-
-    overlaps = (most_gaps_m(body, shapes.reshape(-1, _TWO), off_per_m) < 0).reshape(
-        shapes.shape[:2]
-    )
-    costs = {(1, 1): [cost(overlaps, overlaps)] * 3}
-    for j, mode in enumerate([(1, 0), (0, 1)]):
-        at_edges = [kappa[i] if i == j else k for i, k in enumerate(middles)]
-        stations = np.stack(np.meshgrid(*at_edges, indexing="ij"), axis=-1)
-        lost = _lever_lost(
-            body, j, stations, np.where(np.arange(_TWO) == j, 0.0, off_per_m), CERTAIN_LEVER
-        )
-        unclear = overlaps | _lever_lost(body, j, shapes, 0.0 * off_per_m, CERTAIN_END)
-        ends = _lever_lost(body, j, shapes, off_per_m, CERTAIN_END)
-        sides = [
-            np.delete(lost & (side * stations[..., j] > 0), gone, axis=j)
-            for side, gone in ((1.0, -1), (-1.0, 0))
-        ]
-        costs[mode] = [cost(overlaps | each, unclear) for each in (*sides, ends)]
-    return cells_of((edges[0], edges[1]), costs)
-
-
-def _lever_lost(body: Body, j: int, shapes: Array, off_per_m: Array, by: float) -> Bools:
-    """Where no shape as near to one of these, (..., n), has the lever that a segment needs."""
-    flat = shapes.reshape(-1, _TWO)
-    lost = levers_left(body, j, flat, flat)[1] < -by
-    if off_per_m.any():
-        near = flat[lost]
-        lost[lost] = levers_left(body, j, near - off_per_m, near + off_per_m)[1] < -by
-    return lost.reshape(shapes.shape[:-1])
-
-
-def _around(truth: Bools) -> Bools:
-    """Where it is true, or beside that."""
-    return np.lib.stride_tricks.sliding_window_view(np.pad(truth, 1), (3, 3)).any(axis=(2, 3))
 
 
 def _intervals(low: Array, high: Array) -> Intervals:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.effort import remembered
-from twosra_mpc.planning.bounds.detours import Detours
+from twosra_mpc.planning.bounds.detours import Cells
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named
@@ -57,7 +57,7 @@ class BendingTask:
         conserved: What bending together cannot change, for messages.
         curvature: W of all segments -> their curvatures [1/m].
         pose: The change of pose, if the goal gives one.
-        detours: Ways past shapes that are forbidden, of two segments.
+        plane: Fineness -> plane of shapes in which `Detours` are looked for; None: none is known.
         origin_within: How far W may be off ``origin`` at t = 0, by segment; exact without.
     """
 
@@ -78,7 +78,7 @@ class BendingTask:
     conserved: Conserved
     curvature: Callable[[Sequence[float]], tuple[float, ...]]
     pose: PoseTask | None
-    detours: Detours | None
+    plane: Callable[[int], Cells] | None
     origin_within: tuple[float, ...] | None = None
 
     @cached_property

@@ -9,7 +9,8 @@ cheapest way to one tells bends that keep clear of what is forbidden, where any 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -20,15 +21,18 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence
 
+_FINENESSES = (1, 4)
+IMPOSSIBLE, UNCLEAR = 1e9, 1e2  # costs of a cell, far more than all that bends cost
+
 
 class Lines(NamedTuple):
     """The lines of cells along which a mode bends, and what that costs.
 
     Attributes:
         cells: Numbers of cells along each line, (lines, m); the last number is beyond the edge.
-        up: What it costs to enter a cell from the one before it on its line, (lines, m).
-        down: From the one after it.
-        end: What it costs to end in a cell.
+        up: Sum of what it costs to enter cells up to each from the one before, (lines, m).
+        down: Of those behind it, from the one after.
+        end: What it costs to end in each cell, by number.
     """
 
     cells: NDArray[np.intp]
@@ -39,24 +43,20 @@ class Lines(NamedTuple):
     def bent(self, costs: Array) -> Array:
         """Least costs of all cells after a bend that begins with these."""
         charge(Cost.CELL, self.cells.size // 1000)
-        found, begins = costs.copy(), costs[self.cells]
-        for enter, way in ((self.up, slice(None)), (self.down, slice(None, None, -1))):
-            here, reached = np.full(len(begins), np.inf), np.empty_like(begins)
-            for k in range(begins.shape[1])[way]:
-                here = np.minimum(here + enter[:, k], begins[:, k])
-                reached[:, k] = here
-            np.minimum.at(found, self.cells, reached + self.end)
-        found[-1] = np.inf
-        return found
+        begins, least = costs[self.cells], np.minimum.accumulate
+        up = self.up + least(begins - self.up, axis=1)
+        down = self.down + least((begins - self.down)[:, ::-1], axis=1)[:, ::-1]
+        found = np.full_like(costs, np.inf)
+        np.minimum.at(found, self.cells, np.minimum(up, down))
+        return np.minimum(costs, found + self.end)
 
     def source(self, costs: Array, cell: int) -> int:
         """The cell in which the cheapest bend into a cell begins."""
         found = [(costs[cell], cell)]
         for line, at in zip(*np.nonzero(self.cells == cell), strict=True):
-            numbers, end = self.cells[line], self.end[line, at]
-            below, above = self.up[line, 1 : at + 1], self.down[line, at:-1]
-            paid = [*below[::-1].cumsum()[::-1], 0.0, *above.cumsum()]
-            whole = costs[numbers] + paid + end
+            up, down, numbers = self.up[line], self.down[line], self.cells[line]
+            paid = [*(up[at] - up[: at + 1]), *(down[at] - down[at + 1 :])]
+            whole = costs[numbers] + paid + self.end[cell]
             found.append((whole.min(), numbers[whole.argmin()]))
         return int(min(found)[1])
 
@@ -70,7 +70,7 @@ class Cells:
         lines: By soft mode.
     """
 
-    edges: tuple[Array, Array]
+    edges: tuple[Array, ...]
     lines: dict[Mode, Lines]
 
     def within(self, low: Array, high: Array) -> NDArray[np.intp]:
@@ -87,7 +87,7 @@ class Cells:
         return np.array([at[i : i + 2].mean() for at, i in zip(self.edges, where, strict=True)])
 
 
-def cells_of(edges: tuple[Array, Array], lines: dict[Mode, tuple[Array, Array, Array]]) -> Cells:
+def joined(edges: tuple[Array, ...], lines: Mapping[Mode, Sequence[Array]]) -> Cells:
     """Cells with these edges, from what it costs in each mode to enter them, and to end.
 
     Args:
@@ -105,58 +105,77 @@ def cells_of(edges: tuple[Array, Array], lines: dict[Mode, tuple[Array, Array, A
     i = (t + 1) // 2 + np.maximum(0, -k) + k
     stairs = numbers[np.clip(i, 0, rows + 1), np.clip(j, 0, columns + 1)]
     inner = numbers[1:-1, 1:-1]
-    of_mode = {(1, 0): inner.T, (0, 1): inner, (1, 1): stairs}
-    made = {}
+    of_mode: dict[Mode, NDArray[np.intp]] = {(1, 0): inner.T, (0, 1): inner, (1, 1): stairs}
+    made = dict[Mode, Lines]()
     for mode, costs in lines.items():
-        up, down, end = (np.append(each, np.inf)[of_mode[mode]] for each in costs)
+        up, down = (np.append(each, IMPOSSIBLE)[of_mode[mode]] for each in costs[:2])
         by = step * (0.5 if all(mode) else 1.0)
-        made[mode] = Lines(of_mode[mode], up + by, down + by, end)
+        behind = np.cumsum(down[:, ::-1] + by, axis=1)[:, ::-1]
+        made[mode] = Lines(
+            of_mode[mode], np.cumsum(up + by, axis=1), behind, np.append(costs[2], np.inf)
+        )
     return Cells(edges, made)
 
 
 @dataclass(frozen=True, eq=False)
 class Detours:
-    """Ways from a start to a goal, boxes of W.
+    """Ways from a start to a goal, as they are looked for in one search.
 
     Attributes:
-        cells: Asks for the plane.
+        plane: Fineness -> the plane, cut so many times finer.
         start: Least and largest W at the start, (2, 2).
         goal: The same of the goal.
     """
 
-    cells: Callable[[], Cells]
+    plane: Callable[[int], Cells]
     start: Array
     goal: Array
-    _costs: dict[ModeSequence, Array] = field(default_factory=dict)
+    _cells: dict[int, Cells] = field(default_factory=dict)
+    _costs: dict[tuple[int, ModeSequence], Array] = field(default_factory=dict)
+    _found: dict[ModeSequence, Array | None] = field(default_factory=dict)
 
     def bends(self, sequence: ModeSequence) -> Array | None:
         """Change of W in each phase on the cheapest way; None if it is proved that there is none.
 
-        What it comes to is near the goal, as cells are.
+        It comes as near to the goal as cells are large. Where it is not clear, cells are finer.
         """
-        cells, soft = self.cells(), tuple(mode for mode in sequence if any(mode))
-        ends = cells.within(*self.goal)
-        costs = self._after(soft)[ends]
-        if not np.isfinite(costs).any():
+        soft = np.array(sequence, dtype=bool).any(axis=1)
+        modes = tuple(mode for mode in sequence if any(mode))
+        if modes not in self._found:
+            self._found[modes] = self._bends(modes)
+        if (found := self._found[modes]) is None:
             return None
-        cell, found = int(ends[costs.argmin()]), list[float]()
-        for k in range(len(soft), 0, -1):
-            source = cells.lines[soft[k - 1]].source(self._after(soft[: k - 1]), cell)
-            moved = cells.middle(cell) - cells.middle(source)
-            found.append(float(moved[np.array(soft[k - 1], dtype=bool)].mean()))
-            cell = source
         bends = np.zeros(len(sequence))
-        bends[[any(mode) for mode in sequence]] = found[::-1]
+        bends[soft] = found
         return bends
 
-    def _after(self, soft: ModeSequence) -> Array:
-        """Least costs of all cells after these modes."""
-        if soft not in self._costs:
-            cells = self.cells()
-            if soft:
-                costs = cells.lines[soft[-1]].bent(self._after(soft[:-1]))
+    def _bends(self, modes: ModeSequence) -> Array | None:
+        for fineness in _FINENESSES:
+            if fineness not in self._cells:
+                self._cells[fineness] = self.plane(fineness)
+            cells = self._cells[fineness]
+            ends = cells.within(*self.goal)
+            costs = self._after(fineness, modes)[ends]
+            if costs.min() >= IMPOSSIBLE:
+                return None
+            if costs.min() < UNCLEAR:
+                break
+        cell, found = int(ends[costs.argmin()]), list[float]()
+        for k in reversed(range(len(modes))):
+            source = cells.lines[modes[k]].source(self._after(fineness, modes[:k]), cell)
+            moved = cells.middle(cell) - cells.middle(source)
+            found.append(float(moved[np.array(modes[k], dtype=bool)].mean()))
+            cell = source
+        return np.array(found[::-1])
+
+    def _after(self, fineness: int, modes: ModeSequence) -> Array:
+        """Least costs of all cells after bends in these modes."""
+        if (fineness, modes) not in self._costs:
+            cells = self._cells[fineness]
+            if modes:
+                costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
             else:
-                costs = np.full((len(cells.edges[0]) - 1) * (len(cells.edges[1]) - 1) + 1, np.inf)
+                costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
                 costs[cells.within(*self.start)] = 0.0
-            self._costs[soft] = costs
-        return self._costs[soft]
+            self._costs[fineness, modes] = costs
+        return self._costs[fineness, modes]

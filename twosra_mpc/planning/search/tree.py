@@ -14,6 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from twosra_mpc.planning.bounds.bends import passes_forbidden
+from twosra_mpc.planning.bounds.detours import Detours
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
@@ -35,7 +36,7 @@ class Leaves:
         relaxation: Rates and room of the bending coordinates.
         bounds: Of sequences of all stages, as far as they were asked for.
         motion_s: Least time in which every plan moves [s], once it is asked for.
-        detours: Whether bends of a bound have passed a forbidden shape: others may have to, too.
+        detours: Of variants of which the bends of a bound have passed a forbidden shape.
     """
 
     variants: Sequence[Stages]
@@ -43,7 +44,7 @@ class Leaves:
     relaxation: StageRelaxation
     bounds: dict[Whole, SequenceBound] = field(default_factory=dict)
     motion_s: float | None = None
-    detours: bool = False
+    detours: dict[int, Detours] = field(default_factory=dict)
     _first: dict[tuple[int, tuple[ModeSequence, ...]], tuple[float, SequenceBound | None]] = field(
         default_factory=dict
     )
@@ -134,24 +135,27 @@ class Leaves:
 
     def no_way(self, whole: Whole) -> bool:
         """True if it is known that every way of the first stage passes a forbidden shape."""
-        task, first = self.variants[whole.variant][0].bend, whole.sequences[0]
-        asked = self.detours and task is not None and task.detours is not None
-        return asked and task.detours.bends(first) is None
+        detours = self.detours.get(whole.variant)
+        return detours is not None and detours.bends(whole.sequences[0]) is None
 
     def bend_otherwise(self, whole: Whole) -> None:
         """Look for other bends of the first stage."""
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         assert stage.bend is not None, "only then it is known what they pass"
-        self.detours = True
-        if stage.bend.detours is not None:
-            known, bends = self.bounds[whole], stage.bend.detours.bends(sequence)
-            if bends is not None:
+        task = stage.bend
+        if task.plane is not None:
+            if whole.variant not in self.detours:
+                w, off = np.array(task.origin), np.array(task.origin_within or (0.0, 0.0))
+                ends = np.array([w - off, w + off]), w + np.array(task.met).T
+                self.detours[whole.variant] = Detours(task.plane, *ends)
+            if (bends := self.detours[whole.variant].bends(sequence)) is not None:
+                known = self.bounds[whole]
                 bends = np.concatenate([bends, known.bends[len(sequence) :]])
                 self.bounds[whole] = replace(known, bends=bends, detour=True)
             return
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
-        parts = bound_by_parts(network, stage.bend, self.so_far.weights, least_s, math.inf)
+        parts = bound_by_parts(network, task, self.so_far.weights, least_s, math.inf)
         self._take_over(whole, parts)
 
     def _take_over(self, whole: Whole, parts: SequenceBound | None) -> None:
@@ -400,7 +404,7 @@ class Tree(Generic[Solution]):
         whole = self.whole(node)
         if whole is None:
             return
-        if self.leaves.detours and self.leaves.first_is_forbidden(whole):
+        if whole.variant in self.leaves.detours and self.leaves.first_is_forbidden(whole):
             self.leaves.bend_otherwise(whole)
         known = self.leaves.bounds[whole]
         network = self.leaves.so_far.network(
