@@ -46,8 +46,10 @@ class Lines(NamedTuple):
         begins, least = costs[self.cells], np.minimum.accumulate
         up = self.up + least(begins - self.up, axis=1)
         down = self.down + least((begins - self.down)[:, ::-1], axis=1)[:, ::-1]
-        found = np.full_like(costs, np.inf)
-        np.minimum.at(found, self.cells, np.minimum(up, down))
+        reached, found = np.minimum(up, down), np.full_like(costs, np.inf)
+        for half in (slice(0, None, 2), slice(1, None, 2)):  # in each of which a cell is but once
+            cells = self.cells[:, half]
+            found[cells] = np.minimum(found[cells], reached[:, half])
         return np.minimum(costs, found + self.end)
 
     def source(self, costs: Array, cell: int) -> int:
@@ -149,18 +151,29 @@ class Detours:
         bends[soft] = found
         return bends
 
+    def none(self, sequence: ModeSequence) -> bool:
+        """True if it is proved that there is none, by coarse cells or by what is known."""
+        modes = tuple(mode for mode in sequence if any(mode))
+        if modes in self._found:
+            return self._found[modes] is None
+        return self._nearest(_FINENESSES[0], modes)[1] >= IMPOSSIBLE
+
+    def _nearest(self, fineness: int, modes: ModeSequence) -> tuple[int, float]:
+        """The cell of the goal that is cheapest to come to, and what that costs."""
+        if fineness not in self._cells:
+            self._cells[fineness] = self.plane(fineness)
+        ends = self._cells[fineness].within(*self.goal)
+        costs = self._after(fineness, modes)[ends]
+        return int(ends[costs.argmin()]), float(costs.min())
+
     def _bends(self, modes: ModeSequence) -> Array | None:
         for fineness in _FINENESSES:
-            if fineness not in self._cells:
-                self._cells[fineness] = self.plane(fineness)
-            cells = self._cells[fineness]
-            ends = cells.within(*self.goal)
-            costs = self._after(fineness, modes)[ends]
-            if costs.min() >= IMPOSSIBLE:
+            cell, cost = self._nearest(fineness, modes)
+            if cost >= IMPOSSIBLE:
                 return None
-            if costs.min() < UNCLEAR:
+            if cost < UNCLEAR:
                 break
-        cell, found = int(ends[costs.argmin()]), list[float]()
+        cells, found = self._cells[fineness], list[float]()
         for k in reversed(range(len(modes))):
             source = cells.lines[modes[k]].source(self._after(fineness, modes[:k]), cell)
             moved = cells.middle(cell) - cells.middle(source)

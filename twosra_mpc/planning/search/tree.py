@@ -136,7 +136,7 @@ class Leaves:
     def no_way(self, whole: Whole) -> bool:
         """True if it is known that every way of the first stage passes a forbidden shape."""
         detours = self.detours.get(whole.variant)
-        return detours is not None and detours.bends(whole.sequences[0]) is None
+        return detours is not None and detours.none(whole.sequences[0])
 
     def bend_otherwise(self, whole: Whole) -> None:
         """Look for other bends of the first stage."""
@@ -401,21 +401,19 @@ class Tree(Generic[Solution]):
         Where its first attempt fails because the bound's bends pass a forbidden shape, again with
         others; after another failure, as by then another leaf may have the least bound.
         """
-        whole = self.whole(node)
+        whole, leaves = self.whole(node), self.leaves
         if whole is None:
             return
-        if whole.variant in self.leaves.detours and self.leaves.first_is_forbidden(whole):
-            self.leaves.bend_otherwise(whole)
-        known = self.leaves.bounds[whole]
-        network = self.leaves.so_far.network(
-            whole, self.leaves.last(whole), [0.0] * len(whole.joined)
-        )
-        attempts = iter(self.solver(network, known, whole))
+        if whole.variant in leaves.detours and leaves.first_is_forbidden(whole):
+            leaves.bend_otherwise(whole)
+        known, begins = leaves.bounds[whole], [0.0] * len(whole.joined)
+        network = leaves.so_far.network(whole, leaves.last(whole), begins)
+        attempts = iter(() if leaves.no_way(whole) else self.solver(network, known, whole))
         first = next(attempts, None)
         yield first
-        if first is None and self.leaves.first_is_forbidden(whole):
-            if self.leaves.bounds[whole] is known:
-                self.leaves.bend_otherwise(whole)
+        if first is None and not known.detour and leaves.first_is_forbidden(whole):
+            if leaves.bounds[whole] is known:
+                leaves.bend_otherwise(whole)
                 yield None
-            attempts = iter(self.solver(network, self.leaves.bounds[whole], whole))
+            attempts = iter(self.solver(network, leaves.bounds[whole], whole))
         yield from attempts

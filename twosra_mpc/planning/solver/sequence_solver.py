@@ -187,7 +187,7 @@ class GoalSolver:
             nearest = inner_bends(sequence, bound.bends, self._box, self._nearest)
             tried += [
                 self._guessed(network, bends, drive)
-                for bends in (bound.bends, nearest, bends_around(problem, sequence, inside))
+                for bends in (bound.bends, nearest)
                 if bends is not None and not np.array_equal(bends, inside)
             ]
         best = min(tried, key=_cost)
