@@ -35,7 +35,7 @@ class _Plane(NamedTuple):
         high: Largest.
         overlaps: Whether parts overlap in all of its shapes, and in its middle, (2, n1, n2).
         lost: Of each segment, whether the wheels surely lose hold of it on the cell's lower edge,
-            in all of the cell, and if it ends in it; and whether in its middle, (4, n1, n2).
+            anywhere in it, and if it ends in it; and whether in its middle, (4, n1, n2).
     """
 
     edges: tuple[Array, ...]
@@ -50,12 +50,12 @@ def cells_of(body: Body, fineness: int) -> Cells:
     """The plane of both W, cut so many times finer, and what bends cost there."""
     edges, low, high, (overlaps, touches), lost = _plane(body, fineness)
     costs: dict[Mode, list[Array]] = {(1, 1): [_cost(overlaps, touches)] * 3}
-    for j, (mode, (edge, _, ends, unclear)) in enumerate(zip(_ALONE, lost, strict=True)):
-        up, down = low[..., j] > 0, high[..., j] < 0  # against the spring
+    for j, (mode, (edge, _, ended, unclear)) in enumerate(zip(_ALONE, lost, strict=True)):
+        up, down = low[..., j] > 0, high[..., j] < 0  # against its spring
         costs[mode] = [
             _cost(overlaps | (edge & up), touches | (unclear & up)),
             _cost(overlaps | (np.roll(edge, -1, axis=j) & down), touches | (unclear & down)),
-            _cost(overlaps | ends, touches | unclear),
+            _cost(overlaps | ended, touches | unclear),
         ]
     return joined(edges, costs)
 
@@ -88,10 +88,16 @@ def _plane(body: Body, fineness: int) -> _Plane:
         return np.array([gaps_m + off_m < 0, gaps_m < 0])
 
     def lost(j: int, low: Array, high: Array) -> Bools:
-        edge, middle = high.copy(), (low + high) / 2
+        middle, edge = (low + high) / 2, high.copy()
         edge[:, j] = low[:, j]
-        boxes = (low, edge, CERTAIN_LEVER), (low, high, CERTAIN_LEVER), (low, high, CERTAIN_END)
-        return np.array([_lost(body, j, *box) for box in (*boxes, (middle, middle, 0.0))])
+        in_middle = levers_left(body, j, middle, middle)[1]
+        passed, ended = in_middle.copy(), in_middle.copy()
+        some = in_middle < 0.0
+        ended[some] = levers_left(body, j, low[some], high[some])[1]
+        some &= ended >= -CERTAIN_LEVER
+        passed[some] = levers_left(body, j, low[some], edge[some])[1]
+        never = np.minimum(passed, ended) < -CERTAIN_LEVER
+        return np.array([never, ended < -CERTAIN_LEVER, ended < -CERTAIN_END, in_middle < 0.0])
 
     asked: list[Asked] = [overlaps, partial(lost, 0), partial(lost, 1)]
     if fineness == 1:
@@ -108,11 +114,3 @@ def _plane(body: Body, fineness: int) -> _Plane:
         finer[:, where] = ask(low[where], high[where])
         found.append(finer)
     return _Plane(edges, low, high, found[0], found[1:])
-
-
-def _lost(body: Body, j: int, low: Array, high: Array, by: float) -> Bools:
-    """Where wheels surely lack the lever on a segment, in all of a box, (m,)."""
-    middle = (low + high) / 2
-    lost: Bools = levers_left(body, j, middle, middle)[1] < -by
-    lost[lost] = levers_left(body, j, low[lost], high[lost])[1] < -by
-    return lost
