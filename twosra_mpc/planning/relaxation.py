@@ -21,6 +21,7 @@ from twosra_mpc.planning.bounds.rigid_motion import least_time
 from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
+from twosra_mpc.planning.shape_plane import cells_of
 from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
@@ -48,6 +49,8 @@ _CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
 _NARROW_PER_M = 3.0  # half-width of a box of shapes whose bends are looked at more closely
 _SAME_BEND = 1e-3  # share by which bends differ that end in the same shape
 _MOST_TO_ANY = 3  # phases of a stage of several that may end in any stiffness
+
+_TWO = 2  # segments
 
 Box = tuple[Array, Array]
 Solution = TypeVar("Solution")
@@ -210,10 +213,12 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
     asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
     def forbidden(mode: Mode, before: Intervals, bend: float, most: float) -> str | None:
-        begin, end, ends = 0.0, bend, abs(most - bend) <= _SAME_BEND * abs(bend)
+        begin, end, last = 0.0, bend, None
+        if sum(mode) == 1 and abs(most - bend) <= _SAME_BEND * abs(bend):
+            last = facts.shapes_on_the_way(mode, before, most, most)[0][-1]
         for look in range(_LOOKS):
             shapes = facts.shapes_on_the_way(mode, before, end, begin)
-            if not look and (words := singular_bend(problem.robot, mode, *shapes, ends)):
+            if not look and (words := singular_bend(problem.robot, mode, *shapes, last)):
                 return words
             gaps_m = most_gaps_m(problem.robot, *shapes)
             least, last = int(gaps_m.argmin()), len(gaps_m) - 1
@@ -249,6 +254,7 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
         conserved=Conserved(*path_model(problem.robot).conserved),
         curvature=facts.curvatures,
         pose=pose_task(problem),
+        plane=partial(cells_of, problem.robot.body) if len(start) == _TWO else None,
     )
 
 

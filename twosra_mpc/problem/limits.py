@@ -24,6 +24,7 @@ from twosra_mpc.model.self_collision import FAR_M, self_collision
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
+    CERTAIN_END,
     CERTAIN_LEVER,
     CURVATURE_TOLERANCE_PER_M,
     INDEPENDENCE_TOLERANCE,
@@ -326,7 +327,7 @@ def bend_margins(robot: Robot | Body, mode: Mode, kappa: Array) -> Array:
     straight = STRAIGHT_RAD / length
     side = np.where(end[:, j] < 0, -1.0, 1.0)  # no spring pulls before it is left
     begin[:, j] = side * np.maximum(side * begin[:, j], straight)
-    ((one, _), left), ((other, _), left_then) = (_levers(robot, j, k, k) for k in (begin, end))
+    ((one, _), left), ((other, _), left_then) = (levers_left(robot, j, k, k) for k in (begin, end))
     small, large = np.sort(np.abs([one, other]), axis=0)
     crossed = (one * other < 0) & (small > LEVER_TOLERANCE)
     against = np.abs(end[:, j]) > np.abs(begin[:, j])
@@ -342,7 +343,7 @@ def levers_kept(robot: Robot | Body, sequence: ModeSequence, ways: Iterable[Arra
 
 
 def singular_bend(
-    robot: Robot | Body, mode: Mode, kappa: Array, off_per_m: Array, ends: bool
+    robot: Robot | Body, mode: Mode, kappa: Array, off_per_m: Array, last: Array | None
 ) -> str | None:
     """What is wrong with shapes on the way of a bend that breaks `BEND_LEVER`; None: it may not.
 
@@ -351,7 +352,7 @@ def singular_bend(
         mode: Its mode.
         kappa: Shapes that it passes in this order, (m, n) [1/m].
         off_per_m: How far off they may be, (n,) [1/m].
-        ends: Whether it ends in the last one.
+        last: The shape in which it ends at the latest, (n,), if that is nearly the last of them.
     """
     if (limit := robot.body.limits.bend_lever) is None or sum(mode) != 1:
         return None
@@ -359,20 +360,25 @@ def singular_bend(
     begin, end, length = kappa[0, j], kappa[-1, j], robot.body.geometry.lengths_m[j]
     if abs(end - begin) * length <= 2 * STILL_RAD:
         return None
-    side = math.copysign(1.0, end - begin)
+    lost, side = False, math.copysign(1.0, end - begin)
     since = max(side * begin, STRAIGHT_RAD / length) + off_per_m[j]
-    passed = np.tile(kappa[-1], (_STATIONS, 1))
-    passed[:, j] = side * np.linspace(min(since, side * end), side * end, _STATIONS)
-    (low, high), left = _levers(robot, j, passed - off_per_m, passed + off_per_m)
-    crosses = low.max() > CERTAIN_LEVER and high.min() < -CERTAIN_LEVER
-    against = side * end > since
-    worst = left.min() if against else left[-1] if ends else 0.0
-    if worst >= -CERTAIN_LEVER and not (against and crosses):
-        return None
-    return f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
+    if side * end > since:
+        passed = np.tile(kappa[-1], (_STATIONS, 1))
+        passed[:, j] = side * np.linspace(since, side * end, _STATIONS)
+        (low, high), left = levers_left(robot, j, passed - off_per_m, passed + off_per_m)
+        crosses = low.max() > CERTAIN_LEVER and high.min() < -CERTAIN_LEVER
+        lost = crosses or left.min() < -CERTAIN_LEVER
+    if last is not None and not lost:
+        least, most = np.sort([kappa[-1:], last[None]], axis=0)
+        lost = levers_left(robot, j, least - off_per_m, most + off_per_m)[1][0] < -CERTAIN_END
+    return (
+        f"wheels lose hold of segment {j + 1}, soft alone: {BEND_LEVER.name} < {limit:zg}"
+        if lost
+        else None
+    )
 
 
-def _levers(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
+def levers_left(robot: Robot | Body, j: int, low: Array, high: Array) -> tuple[Array, Array]:
     """Bounds of the lever on a segment in boxes of shapes, (2, m), and the most that is left."""
     levers = bend_levers(robot.body)
     exact = (low == high).all()

@@ -42,8 +42,9 @@ STRAIGHT_RAD = 0.02
 """A segment that is bent by no more is straight: cameras see no less, and its spring is weak."""
 LEVER_TOLERANCE = 1e-6
 """What levers of wheels may miss of what they must be, in lengths of a segment per rad."""
-CERTAIN_LEVER = 0.02
-"""What they miss where bounds say so: more than they change between samples that are looked at."""
+CERTAIN_LEVER, CERTAIN_END = 0.02, 1e-5
+"""What they miss where bounds say so: more than they change between samples that are looked at; and
+where a bend ends, in a sample."""
 WHEEL_TOLERANCE_RAD_S = 1e-6
 """By so much a wheel may turn otherwise than its inputs ask, or not rest where a phase ends."""
 JUMP_TOLERANCE = 1e-6

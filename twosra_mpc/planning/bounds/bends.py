@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.effort import remembered
+from twosra_mpc.planning.bounds.detours import Cells
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named
@@ -56,6 +57,7 @@ class BendingTask:
         conserved: What bending together cannot change, for messages.
         curvature: W of all segments -> their curvatures [1/m].
         pose: The change of pose, if the goal gives one.
+        plane: Fineness -> plane of shapes in which `Detours` are looked for; None: none is known.
         origin_within: How far W may be off ``origin`` at t = 0, by segment; exact without.
     """
 
@@ -76,6 +78,7 @@ class BendingTask:
     conserved: Conserved
     curvature: Callable[[Sequence[float]], tuple[float, ...]]
     pose: PoseTask | None
+    plane: Callable[[int], Cells] | None
     origin_within: tuple[float, ...] | None = None
 
     @cached_property

@@ -5,9 +5,10 @@ by many bends. With d_f those of phases whose modes depend on the modes of other
 the rest follow from them and from the change w that is asked for. So every plan of the sequence
 lies in a box of (w, d_f), which is known: no bend is larger than the curvature limits are apart.
 How fast the robot bends, and which forbidden shapes it passes, is better known in a smaller box.
-The worst one is cut in two again and again. Each is bounded by least durations of its phases, or
-excluded because its bends pass a forbidden shape whatever they are; the least of these bounds is
-one of the sequence, because the boxes cover all of its plans.
+The worst one is cut in two again and again, longer where its middle passes such a shape. Each is
+bounded by least durations of its phases, or excluded because its bends pass a forbidden shape
+whatever they are; the least of these bounds is one of the sequence, because the boxes cover all of
+its plans.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import TemporalNetwork
 
 _CUTS, _FREE_CUTS = 7, 20  # of a box of shapes, and of a box with free bends
+_MOST_CUTS = 40  # where the bends in the middle of the least part pass a forbidden shape
 
 
 def bound_by_parts(
@@ -61,22 +63,24 @@ def bound_by_parts(
     if not free and determined_bends(sequence, task) is not None:
         return None
     parts = [(-math.inf, (*task.change, *free))]
-    for _ in range(_FREE_CUTS if free else _CUTS):
-        if parts[0][0] >= enough:
+
+    def passable(box: Intervals) -> bool:
+        return _durations(_middle(box), sequence, task, known_s) is not None
+
+    few = _FREE_CUTS if free else _CUTS
+    for cut in range(_MOST_CUTS):
+        whole, box = parts[0]
+        if whole >= enough or (cut >= few and passable(box)):
             break
-        whole, box = heapq.heappop(parts)
+        heapq.heappop(parts)
         j = max(range(len(box)), key=lambda j: box[j][1] - box[j][0])
         middle = sum(box[j]) / 2
         for half in ((box[j][0], middle), (middle, box[j][1])):
-            cut = (*box[:j], half, *box[j + 1 :])
-            bound = _bound_of(cut, network, task, weights, known_s)
-            heapq.heappush(parts, (max(whole, bound), cut))
-    passable = (
-        box
-        for cost, box in sorted(parts)
-        if cost < math.inf and _durations(_middle(box), sequence, task, known_s) is not None
-    )
-    best = next(passable, parts[0][1])
+            part = (*box[:j], half, *box[j + 1 :])
+            bound = _bound_of(part, network, task, weights, known_s)
+            heapq.heappush(parts, (max(whole, bound), part))
+    possible = (box for cost, box in sorted(parts) if cost < math.inf)
+    best = next(filter(passable, possible), parts[0][1])
     change, choice = _split(best, task)
     return SequenceBound(parts[0][0], np.zeros(0), middle_bends(sequence, change, choice))
 

@@ -63,11 +63,13 @@ class SequenceBound:
         cost: Lower bound on the cost of every plan with this sequence [s].
         times: Event times of the relaxed optimum, by event number.
         bends: Change of W in each phase of the relaxed optimum (0 in rigid phases).
+        detour: Whether these are others, because those pass forbidden shapes.
     """
 
     cost: float
     times: Array
     bends: Array
+    detour: bool = False
 
 
 def sequence_bound(

@@ -238,6 +238,7 @@ class _Search(Generic[Node, Solution]):
             _Entry(tree.bound(root), True, next(self.order), root)
         ]
         self.kept = math.inf  # least bound of what left the queue without being disproved
+        self.failed: list[_Entry[Node, Solution]] = []  # leaves without luck; tightened later
         self.incumbents: list[
             tuple[float, Solution | None]
         ] = []  # each cheaper than those before it
@@ -253,8 +254,8 @@ class _Search(Generic[Node, Solution]):
     @property
     def lower_bound(self) -> float:
         """Proved lower bound on every leaf's cost."""
-        least = min(self.kept, self.queue[0].bound if self.queue else math.inf)
-        return min(self.proved(least), self.cost)
+        waiting = (each.bound for each in (*self.queue[:1], *self.failed))
+        return min(self.proved(min([self.kept, *waiting])), self.cost)
 
     @property
     def enough(self) -> float:
@@ -276,6 +277,8 @@ class _Search(Generic[Node, Solution]):
     def accept(self, cost: float, solution: Solution) -> None:
         """Make a solution the incumbent."""
         self.incumbents.append((cost, solution))
+        while self.failed:
+            heapq.heappush(self.queue, self.failed.pop())
         self.first_work = min(self.first_work, spent())
 
     def reject(self) -> None:
@@ -339,8 +342,11 @@ class _Search(Generic[Node, Solution]):
         except StopIteration:  # what was learnt while it was tried may rule it out
             bound = max(bound, self.tree.leaf_bound(entry.node))
             _check(entry.found, bound)
-            self.kept = min(self.kept, bound)
             entry.done = True
+            if not self.incumbents and bound < math.inf:  # how tight is tight enough is not known
+                self.failed.append(replace(entry, bound=bound, attempts=attempts, done=False))
+                return
+            self.kept = min(self.kept, bound if tight else self._tighter(entry, bound))
             return
         least = entry.found if found is None else min(entry.found, found[0])
         if found is None:  # as may what was learnt by this attempt
@@ -348,11 +354,16 @@ class _Search(Generic[Node, Solution]):
         elif found[0] < self.cost:
             self.accept(*found)
         if not tight and bound < self.enough:
-            tighter = self.tree.tighter_bound(entry.node, self.enough)
-            self.learnt |= tighter > bound
-            bound = max(bound, tighter)
-            tight = True
+            bound, tight = self._tighter(entry, bound), True
         _check(least, bound)
         worked = replace(entry, bound=bound, attempts=attempts, found=least, tight=tight)
         heapq.heappush(self.queue, worked)
         entry.done = True
+
+    def _tighter(self, entry: _Entry[Node, Solution], bound: float) -> float:
+        """A tighter bound of a leaf, if that is of use."""
+        if not bound < self.enough:
+            return bound
+        tighter = self.tree.tighter_bound(entry.node, self.enough)
+        self.learnt |= tighter > bound
+        return max(bound, tighter)

@@ -14,6 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from twosra_mpc.planning.bounds.bends import passes_forbidden
+from twosra_mpc.planning.bounds.detours import Detours
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
@@ -35,6 +36,7 @@ class Leaves:
         relaxation: Rates and room of the bending coordinates.
         bounds: Of sequences of all stages, as far as they were asked for.
         motion_s: Least time in which every plan moves [s], once it is asked for.
+        detours: Of variants of which the bends of a bound have passed a forbidden shape.
     """
 
     variants: Sequence[Stages]
@@ -42,6 +44,7 @@ class Leaves:
     relaxation: StageRelaxation
     bounds: dict[Whole, SequenceBound] = field(default_factory=dict)
     motion_s: float | None = None
+    detours: dict[int, Detours] = field(default_factory=dict)
     _first: dict[tuple[int, tuple[ModeSequence, ...]], tuple[float, SequenceBound | None]] = field(
         default_factory=dict
     )
@@ -130,13 +133,29 @@ class Leaves:
             first, task, self.bounds[whole].bends[: len(first)]
         )
 
+    def no_way(self, whole: Whole) -> bool:
+        """True if it is known that every way of the first stage passes a forbidden shape."""
+        detours = self.detours.get(whole.variant)
+        return detours is not None and detours.none(whole.sequences[0])
+
     def bend_otherwise(self, whole: Whole) -> None:
         """Look for other bends of the first stage."""
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         assert stage.bend is not None, "only then it is known what they pass"
+        task = stage.bend
+        if task.plane is not None:
+            if whole.variant not in self.detours:
+                w, off = np.array(task.origin), np.array(task.origin_within or (0.0, 0.0))
+                ends = np.array([w - off, w + off]), w + np.array(task.met).T
+                self.detours[whole.variant] = Detours(task.plane, *ends)
+            if (bends := self.detours[whole.variant].bends(sequence)) is not None:
+                known = self.bounds[whole]
+                bends = np.concatenate([bends, known.bends[len(sequence) :]])
+                self.bounds[whole] = replace(known, bends=bends, detour=True)
+            return
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
-        parts = bound_by_parts(network, stage.bend, self.so_far.weights, least_s, math.inf)
+        parts = bound_by_parts(network, task, self.so_far.weights, least_s, math.inf)
         self._take_over(whole, parts)
 
     def _take_over(self, whole: Whole, parts: SequenceBound | None) -> None:
@@ -346,6 +365,9 @@ class Tree(Generic[Solution]):
         if whole is None or self.too_deep(node) or whole.joined in self.excluded:
             return math.inf
         leaf, so_far = whole.joined, self.leaves.so_far
+        if self.leaves.no_way(whole):
+            words = f"{sequence_name(leaf)} cannot get past shapes that are forbidden"
+            return self._infeasible(leaf, words)
         reason = so_far.timing.refusal(leaf, self.leaves.last(whole))
         if (reason := reason or so_far.impossible(whole) or self._blocked(whole)) is not None:
             return self._infeasible(leaf, reason)
@@ -379,19 +401,19 @@ class Tree(Generic[Solution]):
         Where its first attempt fails because the bound's bends pass a forbidden shape, again with
         others; after another failure, as by then another leaf may have the least bound.
         """
-        whole = self.whole(node)
+        whole, leaves = self.whole(node), self.leaves
         if whole is None:
             return
-        known = self.leaves.bounds[whole]
-        network = self.leaves.so_far.network(
-            whole, self.leaves.last(whole), [0.0] * len(whole.joined)
-        )
-        attempts = iter(self.solver(network, known, whole))
+        if whole.variant in leaves.detours and leaves.first_is_forbidden(whole):
+            leaves.bend_otherwise(whole)
+        known, begins = leaves.bounds[whole], [0.0] * len(whole.joined)
+        network = leaves.so_far.network(whole, leaves.last(whole), begins)
+        attempts = iter(() if leaves.no_way(whole) else self.solver(network, known, whole))
         first = next(attempts, None)
         yield first
-        if first is None and self.leaves.first_is_forbidden(whole):
-            if self.leaves.bounds[whole] is known:
-                self.leaves.bend_otherwise(whole)
+        if first is None and not known.detour and leaves.first_is_forbidden(whole):
+            if leaves.bounds[whole] is known:
+                leaves.bend_otherwise(whole)
                 yield None
-            attempts = iter(self.solver(network, self.leaves.bounds[whole], whole))
+            attempts = iter(self.solver(network, leaves.bounds[whole], whole))
         yield from attempts

@@ -152,8 +152,10 @@ class GoalSolver:
         at_once = np.zeros(network.layout.phases)
         if first is None and feasible_schedule(network, at_once, problem) is None:
             return  # no motion changes that
-        if not levers_kept(problem.robot, network.sequence, direct.states[:, :, POSE:]):
-            return  # a nonlinear program, which knows of no levers, would bend so too
+        if bound.detour or not levers_kept(
+            problem.robot, network.sequence, direct.states[:, :, POSE:]
+        ):
+            return  # a nonlinear program, which knows of no levers, would bend straight on
         if first is not None and first[0] - bound.cost < self._least_s:
             return
         starts = [guess]
@@ -185,7 +187,7 @@ class GoalSolver:
             nearest = inner_bends(sequence, bound.bends, self._box, self._nearest)
             tried += [
                 self._guessed(network, bends, drive)
-                for bends in (bound.bends, nearest, bends_around(problem, sequence, inside))
+                for bends in (bound.bends, nearest)
                 if bends is not None and not np.array_equal(bends, inside)
             ]
         best = min(tried, key=_cost)

@@ -1,0 +1,194 @@
+"""Detours: which shapes of two segments soft phases reach, past those that are forbidden.
+
+The plane of both W is cut into square cells. Bends of one segment lead along rows and columns of
+cells, those of both along stairs: a diagonal and the one beside it. To enter a cell from a side, or
+to end in it, is impossible where every such bend breaks a limit, dear where some may, and else as
+dear as the bend is large. So there is no plan where cells of the goal cost infinitely much, and the
+cheapest way to one tells bends that keep clear of what is forbidden, where any do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.effort import Cost, charge
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode, ModeSequence
+
+_FINENESSES = (1, 4)
+IMPOSSIBLE, UNCLEAR = 1e9, 1e2  # costs of a cell, far more than all that bends cost
+
+
+class Lines(NamedTuple):
+    """The lines of cells along which a mode bends, and what that costs.
+
+    Attributes:
+        cells: Numbers of cells along each line, (lines, m); the last number is beyond the edge.
+        up: Sum of what it costs to enter cells up to each from the one before, (lines, m).
+        down: Of those behind it, from the one after.
+        end: What it costs to end in each cell, by number.
+    """
+
+    cells: NDArray[np.intp]
+    up: Array
+    down: Array
+    end: Array
+
+    def bent(self, costs: Array) -> Array:
+        """Least costs of all cells after a bend that begins with these."""
+        charge(Cost.CELL, self.cells.size // 1000)
+        begins, least = costs[self.cells], np.minimum.accumulate
+        up = self.up + least(begins - self.up, axis=1)
+        down = self.down + least((begins - self.down)[:, ::-1], axis=1)[:, ::-1]
+        reached, found = np.minimum(up, down), np.full_like(costs, np.inf)
+        for half in (slice(0, None, 2), slice(1, None, 2)):  # in each of which a cell is but once
+            cells = self.cells[:, half]
+            found[cells] = np.minimum(found[cells], reached[:, half])
+        return np.minimum(costs, found + self.end)
+
+    def source(self, costs: Array, cell: int) -> int:
+        """The cell in which the cheapest bend into a cell begins."""
+        found = [(costs[cell], cell)]
+        for line, at in zip(*np.nonzero(self.cells == cell), strict=True):
+            up, down, numbers = self.up[line], self.down[line], self.cells[line]
+            paid = [*(up[at] - up[: at + 1]), *(down[at] - down[at + 1 :])]
+            whole = costs[numbers] + paid + self.end[cell]
+            found.append((whole.min(), numbers[whole.argmin()]))
+        return int(min(found)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The plane of both W.
+
+    Attributes:
+        edges: W of each segment at the edges of cells, all as far apart.
+        lines: By soft mode.
+    """
+
+    edges: tuple[Array, ...]
+    lines: dict[Mode, Lines]
+
+    def within(self, low: Array, high: Array) -> NDArray[np.intp]:
+        """Numbers of the cells that a box touches."""
+        one, other = (
+            (at[:-1] <= top) & (at[1:] >= least)
+            for at, least, top in zip(self.edges, low, high, strict=True)
+        )
+        return np.flatnonzero(np.logical_and.outer(one, other))
+
+    def middle(self, cell: int) -> Array:
+        """W in the middle of a cell."""
+        where = divmod(cell, len(self.edges[1]) - 1)
+        return np.array([at[i : i + 2].mean() for at, i in zip(self.edges, where, strict=True)])
+
+
+def joined(edges: tuple[Array, ...], lines: Mapping[Mode, Sequence[Array]]) -> Cells:
+    """Cells with these edges, from what it costs in each mode to enter them, and to end.
+
+    Args:
+        edges: As of `Cells`.
+        lines: By soft mode: what it costs to enter from below, from above, and to end.
+    """
+    step = edges[0][1] - edges[0][0]
+    rows, columns = (len(at) - 1 for at in edges)
+    numbers = np.pad(
+        np.arange(rows * columns).reshape(rows, columns), 1, constant_values=rows * columns
+    )
+    k = np.arange(-columns, rows)[:, None]
+    t = np.arange(2 * max(rows, columns) + 2)
+    j = t // 2 + np.maximum(0, -k)
+    i = (t + 1) // 2 + np.maximum(0, -k) + k
+    stairs = numbers[np.clip(i, 0, rows + 1), np.clip(j, 0, columns + 1)]
+    inner = numbers[1:-1, 1:-1]
+    of_mode: dict[Mode, NDArray[np.intp]] = {(1, 0): inner.T, (0, 1): inner, (1, 1): stairs}
+    made = dict[Mode, Lines]()
+    for mode, costs in lines.items():
+        up, down = (np.append(each, IMPOSSIBLE)[of_mode[mode]] for each in costs[:2])
+        by = step * (0.5 if all(mode) else 1.0)
+        behind = np.cumsum(down[:, ::-1] + by, axis=1)[:, ::-1]
+        made[mode] = Lines(
+            of_mode[mode], np.cumsum(up + by, axis=1), behind, np.append(costs[2], np.inf)
+        )
+    return Cells(edges, made)
+
+
+@dataclass(frozen=True, eq=False)
+class Detours:
+    """Ways from a start to a goal, as they are looked for in one search.
+
+    Attributes:
+        plane: Fineness -> the plane, cut so many times finer.
+        start: Least and largest W at the start, (2, 2).
+        goal: The same of the goal.
+    """
+
+    plane: Callable[[int], Cells]
+    start: Array
+    goal: Array
+    _cells: dict[int, Cells] = field(default_factory=dict)
+    _costs: dict[tuple[int, ModeSequence], Array] = field(default_factory=dict)
+    _found: dict[ModeSequence, Array | None] = field(default_factory=dict)
+
+    def bends(self, sequence: ModeSequence) -> Array | None:
+        """Change of W in each phase on the cheapest way; None if it is proved that there is none.
+
+        It comes as near to the goal as cells are large. Where it is not clear, cells are finer.
+        """
+        soft = np.array(sequence, dtype=bool).any(axis=1)
+        modes = tuple(mode for mode in sequence if any(mode))
+        if modes not in self._found:
+            self._found[modes] = self._bends(modes)
+        if (found := self._found[modes]) is None:
+            return None
+        bends = np.zeros(len(sequence))
+        bends[soft] = found
+        return bends
+
+    def none(self, sequence: ModeSequence) -> bool:
+        """True if it is proved that there is none, by coarse cells or by what is known."""
+        modes = tuple(mode for mode in sequence if any(mode))
+        if modes in self._found:
+            return self._found[modes] is None
+        return self._nearest(_FINENESSES[0], modes)[1] >= IMPOSSIBLE
+
+    def _nearest(self, fineness: int, modes: ModeSequence) -> tuple[int, float]:
+        """The cell of the goal that is cheapest to come to, and what that costs."""
+        if fineness not in self._cells:
+            self._cells[fineness] = self.plane(fineness)
+        ends = self._cells[fineness].within(*self.goal)
+        costs = self._after(fineness, modes)[ends]
+        return int(ends[costs.argmin()]), float(costs.min())
+
+    def _bends(self, modes: ModeSequence) -> Array | None:
+        for fineness in _FINENESSES:
+            cell, cost = self._nearest(fineness, modes)
+            if cost >= IMPOSSIBLE:
+                return None
+            if cost < UNCLEAR:
+                break
+        cells, found = self._cells[fineness], list[float]()
+        for k in reversed(range(len(modes))):
+            source = cells.lines[modes[k]].source(self._after(fineness, modes[:k]), cell)
+            moved = cells.middle(cell) - cells.middle(source)
+            found.append(float(moved[np.array(modes[k], dtype=bool)].mean()))
+            cell = source
+        return np.array(found[::-1])
+
+    def _after(self, fineness: int, modes: ModeSequence) -> Array:
+        """Least costs of all cells after bends in these modes."""
+        if (fineness, modes) not in self._costs:
+            cells = self._cells[fineness]
+            if modes:
+                costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
+            else:
+                costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
+                costs[cells.within(*self.start)] = 0.0
+            self._costs[fineness, modes] = costs
+        return self._costs[fineness, modes]
