@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
-from twosra_mpc.model.flow import screws
+from twosra_mpc.model.flow import turning
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.problem import Problem
@@ -265,8 +265,9 @@ class Trajectory(ArrayValue):
 
     def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Configuration ``elapsed`` [s] after the samples ``at``."""
-        s = self._input(at, elapsed / 2) * elapsed[:, None]
-        return flown(self.problem.robot, self.samples.q[at], s, self.samples.mode[at])
+        held, lasting = self.samples, elapsed[:, None]
+        s, change = self._input(at, elapsed / 2) * lasting, held.a[at] * lasting**2
+        return flown(self.problem.robot, held.q[at], s, change, held.mode[at])
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Turns of the wheels within ``elapsed`` [s] after the samples ``at``, by Simpson."""
@@ -297,12 +298,15 @@ def new_times(times: Array, known: Array) -> Array:
     return times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
 
 
-def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
-    """Configurations after input displacements s = v h from q; rows at rest stay as they are."""
+def flown(robot: Robot, q: Array, s: Array, change: Array, mode: NDArray[np.int64]) -> Array:
+    """Configurations after input displacements s = v h from q; rows at rest stay as they are.
+
+    The input changes by ``change`` / h meanwhile: along itself where something is soft.
+    """
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
-    reached[rigid, :POSE] += screws(q[rigid, 2], s[rigid, 2:])
+    reached[rigid, :POSE] += turning(q[rigid, 2], s[rigid, 2:], change[rigid, 2:])
     if soft.any():
         reached[soft] = flow.flown(robot, q[soft], s[soft], mode[soft])
     return reached
