@@ -23,7 +23,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.model.rows import by_modes, in_mode
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, wrapped
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
@@ -202,6 +202,24 @@ def screws(headings: Array, s: Array) -> Array:
     moved[..., 1] = sine * s[..., 0] + c * s[..., 1]
     moved[..., :2] *= np.sinc(turn / (2 * np.pi))[..., None]
     return moved
+
+
+def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:
+    """Displacement (s_u, s_v, s_r) of b0 in its own frame by a constant twist, (..., 3) [m, rad].
+
+    Args:
+        start: Poses, (..., 3) [m, m, rad].
+        end: Poses, (..., 3).
+        turns_rad: By how much it turns; left out, by the least of what ends at that heading.
+    """
+    turn = wrapped(end[..., 2] - start[..., 2]) if turns_rad is None else turns_rad
+    shift = end[..., :2] - start[..., :2]
+    heading = start[..., 2] + turn / 2  # the chord is at half the turn
+    c, s = np.cos(heading), np.sin(heading)
+    stretched = 1 / np.sinc(turn / (2 * np.pi))
+    along = stretched * (c * shift[..., 0] + s * shift[..., 1])
+    across = stretched * (c * shift[..., 1] - s * shift[..., 0])
+    return np.stack([along, across, turn], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

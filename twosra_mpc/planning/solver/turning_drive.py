@@ -25,16 +25,16 @@ from scipy.optimize import brentq
 
 from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.flow import Motion, drive
+from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
 from twosra_mpc.planning.solver.fixed_sequence import ALONE, SolveStatus, solve_status
 from twosra_mpc.planning.solver.multiple_shooting import Stopping, solver_of
 from twosra_mpc.plans.speed_profile import SpeedProfile, lasting
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.speeds import drive_rows
+from twosra_mpc.problem.speeds import drive_rows, rigid_rows
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 
 _INTERVALS = 24
 _ASIDE_RAD = (0.4, -0.4)  # of the headings half way, in starts: ahead may be a saddle
-_FARTHEST_RAD = 1.6 * math.pi  # turned the other way round
 _RAMPS = 2.0  # intervals that the first ramp is cut into, at least
 _MAX_ITERATIONS = 100
 _POINTS, _WEIGHTS = (np.polynomial.legendre.leggauss(4) + np.array([[1.0], [0.0]])) / 2
@@ -50,15 +50,15 @@ def turning_drives(problem: Problem, guess: Motion) -> Iterator[tuple[Motion, Sp
     begin, end = guess.states[0, 0], guess.end.copy()
     turn = float(end[2] - begin[2])
     other = turn - math.copysign(math.tau, turn)
-    turns = [turn]
-    if problem.goal.phi_modulo and abs(other) <= _FARTHEST_RAD:
-        turns.append(other)
-    for turned in turns:
+    vertices, quickest_s = twist_vertices(rigid_rows(problem.robot, begin[POSE:])), math.inf
+    fastest = math.inf if vertices is None else float(vertices[:, 2].max())
+    for turned in (turn, other) if problem.goal.phi_modulo else (turn,):
         end[2] = begin[2] + turned
         for aside in _ASIDE_RAD:
-            if out_of_effort():
+            if out_of_effort() or abs(turned) > fastest * quickest_s:
                 return
             if (found := _solved(problem, begin, end, aside)) is not None:
+                quickest_s = min(quickest_s, found[1].duration_s)
                 yield found
 
 
