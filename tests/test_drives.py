@@ -11,7 +11,7 @@ import shapely
 from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 
 from benchmarks.studies.passages import decide
-from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.flow import roll_out, twists
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.world import World
@@ -21,7 +21,7 @@ from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint, kept_m
 from twosra_mpc.space.lattice import lattice
 from twosra_mpc.space.roadmap import roadmap
-from twosra_mpc.space.screws import clear_legs, moved, twists
+from twosra_mpc.space.screws import clear_legs, moved
 from twosra_mpc.space.slices import FreeSlices, certified_slices, components
 
 BENT = (30.0, 30.0)

@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import ROBOT
 
-from twosra_mpc import Goal, Problem, Start, plan
+from twosra_mpc import Goal, Problem, Start, load_robot, plan
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.bounds import rigid_motion
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.planning.bounds.rigid_motion import headings_visited, least_time
 from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.planning.solver.guess import guess_motion, turned_to_go
-from twosra_mpc.problem.speeds import interval_durations
+from twosra_mpc.problem.speeds import drive_rows, interval_durations, rigid_rows
 from twosra_mpc.robot.modes import RIGID
 
 LIMIT = ROBOT.limits.wheel_speed_rad_s
@@ -82,6 +82,39 @@ def test_no_admissible_motion_is_faster_than_the_bound(
         heading = problem.goal.with_values(phi_rad=None)
         for asked in (problem, boxed, free, whole, problem.with_values(goal=heading)):
             assert rigid_time(asked) <= duration + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_drive_from_rest_to_rest_is_faster_than_the_bound(seed: int) -> None:
+    """Twists of a few corners, linear in time between them, as fast as wheels and speeds allow."""
+    rng, robot = np.random.default_rng(seed), load_robot("2sra-v1")
+    kappa = tuple(rng.uniform(-40, 40, 2) * (seed > 0))
+    rows, (_, wheels) = rigid_rows(robot, kappa), drive_rows(robot, kappa)
+    gained = wheels / (robot.limits.wheel_acceleration_rad_s2 or math.inf)
+    corners = np.pad(rng.normal(size=(rng.integers(1, 4), 3)) * [0.05, 0.05, 0.3], ((1, 1), (0, 0)))
+    corners /= max(1.0, np.abs(corners @ rows.T).max())
+    lasting = np.abs(np.diff(corners, axis=0) @ gained.T).max(axis=1) * rng.choice([1.0, 3.0])
+    at = np.append(0.0, np.cumsum(lasting))
+    t = np.linspace(0.0, at[-1], 3001)
+    middle = (t[1:] + t[:-1]) / 2
+    pose = np.zeros(3)
+    for twist in np.column_stack([np.interp(middle, at, of) for of in corners.T]):
+        c, s = math.cos(pose[2] + twist[2] * t[1] / 2), math.sin(pose[2] + twist[2] * t[1] / 2)
+        u, v, r = twist * t[1]
+        pose = pose + np.array([c * u - s * v, s * u + c * v, r])
+    for priced, wide, around in (
+        (False, 0, False),
+        (True, 0, False),
+        (True, 1, False),
+        (0, 1, True),
+    ):
+        turns = (pose[2] - 0.1 * wide, pose[2] + 0.2 * wide)
+        asked = rows, pose[:2], np.full(2, 0.01 * wide), turns, around, at[-1]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(rigid_motion, "FAR_RAD", 0.0 if around else math.inf)
+            bound = least_time(*asked, gained, bool(priced))
+        assert bound <= at[-1] * (1 + 1e-6)
+        assert bound >= least_time(*asked) or wide
 
 
 @pytest.mark.parametrize("phi_modulo", [True, False])

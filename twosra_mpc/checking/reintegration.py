@@ -39,7 +39,7 @@ from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.limits import BODY_GAP, UNIT_GAP, parts_moved_m, shape_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.speeds import shares_used, speed_function, speed_limits
-from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, RATE_TOLERANCE
+from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, RATE_TOLERANCE, ROUNDING
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode
@@ -87,16 +87,18 @@ _NO_ERROR = 1e-300  # avoids 0 / 0 where nothing moves
 
 @per_body()
 def step_of_order_8(body: Body) -> ca.Function:
-    """(q, s, sigma) -> (q after the input displacement s, (error, largest curvature there)).
+    """(q, s, c, sigma) -> (q after the input displacement s, (error, largest curvature there)).
 
-    The error is that of a relative tolerance of 1e-12: more than 1 is too much.
+    A share w of the way the input is s + c (w - 1/2). The error is that of a relative tolerance of
+    1e-12: more than 1 is too much.
     """
     segments = body.geometry.segments
-    q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
+    q, s, c = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS), ca.SX.sym("c", INPUTS)
     sigma, jacobian = ca.SX.sym("sigma", segments), kinematics(body).jacobian
     slopes: list[ca.SX] = []
     for stage in _STAGES:
-        slopes.append(jacobian(q + weighted(stage, slopes), sigma) @ s)
+        here = s + c * (sum(stage) - 0.5)
+        slopes.append(jacobian(q + weighted(stage, slopes), sigma) @ here)
     off_third = [a - b for a, b in zip(_EIGHTH, _THIRD, strict=True)]
     after = q + weighted(_EIGHTH, slopes)
     scale = _ATOL + _RTOL * ca.fmax(ca.fabs(q), ca.fabs(after))
@@ -105,7 +107,7 @@ def step_of_order_8(body: Body) -> ca.Function:
     )
     error = fifth / ca.sqrt(fifth + 0.01 * third + _NO_ERROR)
     told = ca.vertcat(error, ca.mmax(ca.fabs(after[POSE:])))
-    return ca.Function("step_of_order_8", [q, s, sigma], [after, told])
+    return ca.Function("step_of_order_8", [q, s, c, sigma], [after, told])
 
 
 _MOST_CUTS = 2_000_000  # of all intervals
@@ -141,23 +143,22 @@ def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:
     """Integrate q' = J(q, mode) v over the samples from the start configuration, (m, 3 + n).
 
     Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
-    input or the mode changes; in between only the speed does, which does not change the path.
-    Rows are NaN from where a curvature runs away beyond twice its limit.
+    input or the mode changes; in between only the speed does, which does not change the path, or
+    the input evenly in time. Rows are NaN from where a curvature runs away beyond twice its limit.
     """
     beyond, q = 2 * problem.robot.limits.curvature_per_m, problem.start.configuration
     reached, known = np.full((len(samples), len(q)), np.nan), dict[Mode, _Steps]()
     reached[0] = q
-    for first, last, direction, lengths in paths(samples):
+    for first, last, way, lengths in paths(samples):
         rows, mode = reached[first + 1 : last + 1], tuple(samples.mode[first].tolist())
-        if not direction.any():
+        if not way.any():
             rows[:] = reached[first]
             continue
         if mode not in known:
             idle = _idle(problem.robot, mode)
             known[mode] = idle.pop() if idle else _Steps(problem.robot, mode)
-        if not _follow(
-            known[mode], reached[first], direction, np.cumsum(lengths).tolist(), beyond, rows
-        ):
+        ends = np.cumsum(lengths).tolist()
+        if not _follow(known[mode], reached[first], way, ends, beyond, rows):
             break
     for mode, steps in known.items():
         _idle(problem.robot, mode).append(steps)
@@ -172,9 +173,9 @@ def _idle(body: Body, mode: Mode) -> list[_Steps]:
 
 
 def _follow(
-    steps: _Steps, q: Array, direction: Array, ends: list[float], beyond: float, rows: Array
+    steps: _Steps, q: Array, way: Array, ends: list[float], beyond: float, rows: Array
 ) -> bool:
-    """Fill in configurations after lengths of one direction; False where a curvature runs away.
+    """Fill in configurations after lengths of a path; False where a curvature runs away.
 
     Where many are within a step, they are read off the polynomial through steps of shares of it,
     whose order is higher than that of the method.
@@ -186,9 +187,10 @@ def _follow(
         to = bisect.bisect_right(ends, done + longest) if many else row + 1
         left = ends[to - 1] - done
         step = min(longest, left)
-        after, error, curvature = steps(q, step * direction, False)
+        moved = way[0] * step + way[1] * (step * (done + step / 2)), way[1] * step**2
+        after, error, curvature = steps(q, *moved, False)
         if many and error <= 1:
-            after, error, curvature = steps(q, step * direction, True)
+            after, error, curvature = steps(q, *moved, True)
         growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
         if not error <= 1:  # nor where it is no number
             longest = step * (max(_LEAST_GROWTH, growth) if error > 1 else _LEAST_GROWTH)
@@ -215,15 +217,18 @@ class _Steps:
         step = in_mode(step_of_order_8(robot), mode)
         size, self._made = step.numel_out(0), list[tuple[list[Array], InPlace]]()
         for count in (1, _DEGREE):
-            arrays = [np.zeros((count, k)) for k in (size, INPUTS, size, 2)]
+            arrays = [np.zeros((count, k)) for k in (size, INPUTS, INPUTS, size, 2)]
             function = step if count == 1 else step.map(count)
-            self._made.append((arrays, InPlace(function, arrays[:2], arrays[2:])))
+            self._made.append((arrays, InPlace(function, arrays[:3], arrays[3:])))
 
-    def __call__(self, q: Array, s: Array, many: bool) -> tuple[Array, float, float]:
+    def __call__(self, q: Array, s: Array, c: Array, many: bool) -> tuple[Array, float, float]:
         """Step by s, or by shares of it: configurations (m, 3 + n), worst error and curvature."""
-        (at, moved, after, told), in_place = self._made[many]
-        at[:] = q
-        np.multiply(_SHARES, s, out=moved) if many else np.copyto(moved, s)
+        (at, moved, change, after, told), in_place = self._made[many]
+        at[:], moved[:], change[:] = q, s, c
+        if many:
+            moved += (_SHARES - 1) / 2 * c
+            moved *= _SHARES
+            change *= _SHARES**2
         in_place.evaluate()
         error, curvature = (told.max(axis=0) if many else told[0]).tolist()
         return after, error, curvature
@@ -240,20 +245,42 @@ def displacements(samples: Samples | Sent) -> Array:
 
 
 def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
-    """Runs of samples with one mode and one direction: (first, last, direction, lengths).
+    """Runs of samples in one mode on one path: (first, last, way, lengths).
 
-    Lengths are those of the input displacements s, direction is s / |s|, zero at rest.
+    The input at a length l of the path is along way[0] + way[1] l, (5,) each. Mostly that is one
+    direction, s / |s| of the displacements s with lengths |s|, zero at rest. Where an input turns
+    on the way, lengths are times, and a run is as long as it changes evenly.
     """
-    direction = displacements(samples)
+    direction, dt = displacements(samples), np.diff(samples.t_s)
     lengths = np.linalg.norm(direction, axis=1)
     direction /= np.where(lengths > 0, lengths, 1.0)[:, None]
-    turns = np.diff(direction, axis=0)
-    turned = np.abs(turns, out=turns).max(axis=1, initial=0.0) > _SAME_DIRECTION
-    turned |= np.diff(samples.mode[:-1], axis=0).any(axis=1)
-    starts = [0, *(np.flatnonzero(turned) + 1).tolist(), len(lengths)]
+    breaks = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
+    turns = turns_aside(samples)
+    if turns.any():
+        begin, rate = samples.v[:-1], samples.a[:-1]
+        jumps = np.abs(begin[1:] - begin[:-1] - rate[:-1] * dt[:-1, None]).max(axis=1)
+        goes_on = (rate[1:] == rate[:-1]).all(axis=1) & (jumps <= _SAME_DIRECTION)
+        breaks = np.where(turns[1:] & turns[:-1], ~goes_on, breaks | turns[1:] | turns[:-1])
+        lengths = np.where(turns, dt, lengths)
+    breaks |= np.diff(samples.mode[:-1], axis=0).any(axis=1)
+    starts = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(lengths)]
+    still = np.broadcast_to(0.0, direction.shape)
     for first, last in itertools.pairwise(starts):
         if last > first:
-            yield first, last, direction[first], lengths[first:last]
+            begin, rate = (samples.v, samples.a) if turns[first] else (direction, still)
+            yield first, last, np.array([begin[first], rate[first]]), lengths[first:last]
+
+
+def turns_aside(samples: Samples | Sent) -> NDArray[np.bool_]:
+    """True where the input does not keep its direction until the next row, (m - 1,)."""
+    begin = samples.v[:-1]
+    change = samples.a[:-1] * np.diff(samples.t_s)[:, None]
+    size = np.abs(begin).max(axis=1) + np.abs(change).max(axis=1)
+    across = begin[:, :, None] * change[:, None]
+    aside = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
+    back = (begin * (begin + change)).sum(axis=1) < -ROUNDING * size**2
+    turns: NDArray[np.bool_] = back | (aside > ROUNDING * size**2)
+    return turns
 
 
 def between(samples: Samples, cut: float | Array, least: int) -> tuple[Sent, NDArray[np.intp]]:
@@ -268,7 +295,8 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Sent, NDA
         InputError: If something moves absurdly far.
     """
     dt = np.diff(samples.t_s)
-    moved = np.abs(displacements(samples)).max(axis=1)
+    end = samples.v[:-1] + samples.a[:-1] * dt[:, None]
+    moved = ((np.abs(samples.v[:-1]) + np.abs(end)) / 2).max(axis=1) * dt
     if not (moved / cut).sum() <= _MOST_CUTS:
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)

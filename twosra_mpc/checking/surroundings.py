@@ -267,9 +267,11 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
     problem, samples = done.trajectory.problem, done.trajectory.samples
     held = next(c for c in carried(done.trajectory) if c.object == number and c.from_s == done.at_s)
     rows = (samples.t_s[:-1] >= held.from_s - SAME_TIME_S) & (samples.t_s[:-1] < held.to_s)
-    twists = (samples.v[:-1] + samples.a[:-1] * np.diff(samples.t_s)[:, None] / 2)[:, 2:]
+    mean = samples.v[:-1] + samples.a[:-1] * np.diff(samples.t_s)[:, None] / 2
+    twists = np.concatenate([samples.v[:-1], mean])[:, 2:]  # friction holds what is between such
     thing = problem.objects[number]
-    kept = pushes(problem.robot.geometry, thing, held.pose_in_b0, done.q, twists)
+    held_by = pushes(problem.robot.geometry, thing, held.pose_in_b0, done.q, twists)
+    kept = held_by.reshape(2, -1).all(axis=0)
     wrong = rows & samples.moves[:-1] & ~kept
     if wrong.any():
         when = samples.t_s[:-1][wrong][0]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.heat import course
-from twosra_mpc.checking.reintegration import between, displacements, reintegrate
+from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
@@ -98,12 +98,12 @@ class Least(NamedTuple):
 def swept(problem: Problem, samples: Samples) -> Sweep | None:
     """Integrate what the samples send; None where a curvature runs away.
 
-    While all is rigid a point at a radius up to rho from b0 travels |(s_u, s_v)| + rho |s_r| at
-    most. While something is soft it travels what b0 does, rho |dphi| and R_j |dkappa_j| for the
-    segments j between b0 and the point. With one direction of the input every curvature changes one
-    way only, as all soft segments follow one bending coordinate W whose rate depends on the shape
-    alone; for the other coordinates the second difference is added, four times what a smooth path
-    can be longer than its chord.
+    While all is rigid a point at a radius up to rho from b0 is as fast as |(u, v)| + rho |r| at
+    most, which is convex in time. While something is soft it travels what b0 does, rho |dphi| and
+    R_j |dkappa_j| for the segments j between b0 and the point. With one direction of the input
+    every curvature changes one way only, as all soft segments follow one bending coordinate W whose
+    rate depends on the shape alone; for the other coordinates the second difference is added, four
+    times what a smooth path can be longer than its chord.
     """
     soft = samples.mode[:-1].max(axis=1) > 0
     fine, at = between(samples, np.where(soft, _SOFT_CUT, _RIGID_CUT), least=3)
@@ -120,8 +120,10 @@ def swept(problem: Problem, samples: Samples) -> Sweep | None:
     left = geometry.inner_link_of_b0
     bent = np.abs(d[:, POSE:]) * reach
     one_side = np.maximum(bent[:, :left].sum(axis=1), bent[:, left:].sum(axis=1))
-    s = displacements(fine)
-    driven = np.hypot(s[:, 2], s[:, 3]) + rho * np.abs(s[:, 4])
+    dt = np.diff(fine.t_s)
+    ends = fine.v[:-1], fine.v[:-1] + fine.a[:-1] * dt[:, None]
+    fast = sum(np.hypot(v[:, 2], v[:, 3]) + rho * np.abs(v[:, 4]) for v in ends)
+    driven = fast * dt / 2
     travel = np.where(soft[rows], np.hypot(d[:, 0], d[:, 1]) + rho * d[:, 2] + one_side, driven)
     return Sweep(fine.t_s, q, np.append(0.0, np.cumsum(travel)))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from twosra_mpc.checking.body import bend_levers
 from twosra_mpc.checking.heat import course, heating_problems
-from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.checking.reintegration import between, reintegrate, turns_aside
 from twosra_mpc.checking.surroundings import NOTHING_AROUND, examine_around
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.plans.plan import Cost as PlanCost
@@ -29,7 +29,6 @@ from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
     JUMP_TOLERANCE,
     LEVER_TOLERANCE,
-    ROUNDING,
     STILL_RAD,
     STRAIGHT_RAD,
     TIME_TOLERANCE_S,
@@ -181,18 +180,12 @@ def _wheel_problems(samples: Samples, moving: Driven) -> Iterator[str]:
 
 
 def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
-    """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps.
+    """Inputs that bend change along themselves only; where accelerations are limited, none jumps.
 
     Then every phase goes from rest to rest as well, and is as long as the robot needs for one.
     """
     problem, samples = trajectory.problem, trajectory.samples
-    dt = np.diff(samples.t_s)[:, None]
-    end = samples.v[:-1] + samples.a[:-1] * dt
-    size = np.abs(samples.v[:-1]).max(axis=1) + np.abs(end).max(axis=1)
-    across = samples.v[:-1, :, None] * end[:, None]
-    aside = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
-    back = (samples.v[:-1] * end).sum(axis=1) < -ROUNDING * size**2
-    wrong = back | (aside > ROUNDING * size**2)
+    wrong = turns_aside(samples) & samples.mode[:-1].any(axis=1)
     if wrong.any():
         yield f"at {samples.t_s[:-1][wrong][0]:z.3f} s the input changes its direction on the way"
     most = problem.robot.limits.wheel_acceleration_rad_s2
@@ -332,8 +325,8 @@ def effort_s(trajectory: Trajectory) -> float:
     fine, at = between(samples, np.where(samples.mode[:-1].any(axis=1), _CUT, np.inf), least=0)
     if len(fine) > len(samples):
         since, t_s = (fine.t_s - samples.t_s[at])[:, None], fine.t_s
-        s = (samples.v[at] + samples.a[at] * since / 2) * since
-        q = flown(robot, samples.q[at], s, samples.mode[at])
+        change = samples.a[at] * since**2
+        q = flown(robot, samples.q[at], samples.v[at] * since + change / 2, change, fine.mode)
         moving = driven(robot, q, fine.v, fine.a, np.append(np.diff(t_s), 0.0), fine.mode)
     lasting = np.append(np.diff(t_s), 0.0)[moving.rows]
     squares = (moving.wheel_rad_s**2).sum(axis=2)

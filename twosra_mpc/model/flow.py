@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -23,7 +23,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.model.rows import by_modes, in_mode
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, wrapped
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
@@ -41,6 +41,8 @@ _STAGES = (
     (3501 / 1720, -300 / 43, 297275 / 52632, -319 / 2322, 24068 / 84065, 0, 3850 / 26703),
 )
 _SIXTH = (3 / 40, 0, 875 / 2244, 23 / 72, 264 / 1955, 0, 125 / 11592, 43 / 616)
+GAUSS = (np.polynomial.legendre.leggauss(12) + np.array([[1.0], [0.0]])) / 2  # on [0, 1]
+_ALONG = 1e-15  # m2 or m rad: a change across the input by no more moves nothing
 _FIFTH = (13 / 160, 0, 2375 / 5984, 5 / 16, 12 / 85, 3 / 44, 0, 0)  # for the error alone
 
 
@@ -159,12 +161,36 @@ def flown(
     return after
 
 
-def drive(q: Array, s: Array) -> Array:
-    """Screw motions by rigid input displacements: q (3 + n,), s (m, 3) -> (m, 3 + n)."""
+def drive(q: Array, s: Array, changes: Array | None = None) -> Array:
+    """Rigid motions by input displacements and changes (m, 3): q (3 + n,) -> (m, 3 + n)."""
     headings = q[2] + np.cumsum(s[:, 2]) - s[:, 2]
     reached = np.tile(q, (len(s), 1)).astype(float)
-    reached[:, :POSE] += np.cumsum(screws(headings, s), axis=0)
+    moves = screws(headings, s) if changes is None else turning(headings, s, changes)
+    reached[:, :POSE] += np.cumsum(moves, axis=0)
     return reached
+
+
+def turning(headings: Array, s: Array, changes: Array) -> Array:
+    """Changes of pose by rigid inputs that change evenly on the way, (m, 3).
+
+    A share w of the way the input is s + c (w - 1/2), so the heading is quadratic in w. Where c is
+    along s that is a screw; else it is integrated by Gauss, to 1e-12 over a full turn.
+
+    Args:
+        headings: Where they begin, (m,) [rad].
+        s: Input displacements, (m, 3) [m, m, rad].
+        changes: c, (m, 3).
+    """
+    moved = screws(headings, s)
+    across = s[:, :, None] * changes[:, None]
+    rows = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0) > _ALONG
+    if rows.any():
+        way, change, share = s[rows, :, None], changes[rows, :, None], GAUSS[0]
+        u, v, _ = np.moveaxis(way + change * (share - 1 / 2), 1, 0)
+        angle = headings[rows, None] + way[:, 2] * share + change[:, 2] * share * (share - 1) / 2
+        moved[rows, 0] = (np.cos(angle) * u - np.sin(angle) * v) @ GAUSS[1]
+        moved[rows, 1] = (np.sin(angle) * u + np.cos(angle) * v) @ GAUSS[1]
+    return moved
 
 
 def screws(headings: Array, s: Array) -> Array:
@@ -178,6 +204,24 @@ def screws(headings: Array, s: Array) -> Array:
     return moved
 
 
+def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:
+    """Displacement (s_u, s_v, s_r) of b0 in its own frame by a constant twist, (..., 3) [m, rad].
+
+    Args:
+        start: Poses, (..., 3) [m, m, rad].
+        end: Poses, (..., 3).
+        turns_rad: By how much it turns; left out, by the least of what ends at that heading.
+    """
+    turn = wrapped(end[..., 2] - start[..., 2]) if turns_rad is None else turns_rad
+    shift = end[..., :2] - start[..., :2]
+    heading = start[..., 2] + turn / 2  # the chord is at half the turn
+    c, s = np.cos(heading), np.sin(heading)
+    stretched = 1 / np.sinc(turn / (2 * np.pi))
+    along = stretched * (c * shift[..., 0] + s * shift[..., 1])
+    across = stretched * (c * shift[..., 1] - s * shift[..., 0])
+    return np.stack([along, across, turn], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """The path of a mode sequence, rolled out with fine steps; arrays are read-only.
@@ -187,14 +231,18 @@ class Motion:
         sequence: Mode of each phase.
         inputs: Input displacements s = v h per interval [m, m, m, m, rad], (phases, intervals, 5).
         states: q at the nodes, (phases, intervals + 1, 3 + n).
+        changes: Changes of the input within an interval times h, of drives that turn on the way,
+            (phases, intervals, 5): a share w of it v h is s + changes (w - 1/2). Zero elsewhere.
     """
 
     robot: Robot
     sequence: ModeSequence
     inputs: Array
     states: Array
+    changes: Array = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "changes", np.broadcast_to(self.changes, self.inputs.shape))
         self.inputs.setflags(write=False)
         self.states.setflags(write=False)
 
@@ -217,13 +265,15 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
 def joined(motions: Sequence[Motion]) -> Motion:
     """One motion after the other; each begins where the one before ends."""
     most = max(motion.inputs.shape[1] for motion in motions)
-    inputs, states = list[Array](), list[Array]()
+    inputs, states, changes = list[Array](), list[Array](), list[Array]()
     for motion in motions:
         resting = ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0))
         inputs.append(np.pad(motion.inputs, resting))
+        changes.append(np.pad(motion.changes, resting))
         states.append(np.pad(motion.states, resting, mode="edge"))
     sequence = tuple(itertools.chain.from_iterable(motion.sequence for motion in motions))
-    return Motion(motions[0].robot, sequence, np.concatenate(inputs), np.concatenate(states))
+    told = (np.concatenate(each) for each in (inputs, states, changes))
+    return Motion(motions[0].robot, sequence, *told)
 
 
 def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:

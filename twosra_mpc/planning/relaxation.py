@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from twosra_mpc.effort import remembered
-from twosra_mpc.model.bending import bending, from_rest_to_rest
+from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
@@ -34,8 +34,8 @@ from twosra_mpc.problem.limits import (
 )
 from twosra_mpc.problem.problem import Alone, Problem, Start
 from twosra_mpc.problem.speeds import (
+    drive_rows,
     interval_durations,
-    rigid_ramp_s,
     rigid_rows,
     rigid_rows_between,
 )
@@ -298,11 +298,12 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
 
     Where the quick bound is less than ``enough`` [s], takes up to a third of a second more.
     """
-    start = problem.start.configuration
+    robot, start = problem.robot, problem.start.configuration
     low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
-    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    rows = rigid_rows(problem.robot, start[POSE:])
+    guess = guess_motion(robot, start, problem.goal, (robot.rigid,), np.zeros(1), 1)
+    rows, (_, wheels) = rigid_rows(robot, start[POSE:]), drive_rows(robot, start[POSE:])
     c, s = math.cos(start[2]), math.sin(start[2])
+    around = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     given = np.isfinite(high - low)
     ends = np.where(given, [low, high], math.nan)
     shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
@@ -310,15 +311,17 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
         box = math.sqrt(2) * box
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
-        rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        rows, wheels = rows @ around, wheels @ around
     asked = rows, shift, box[:2], (float(low[2]), float(high[2])), problem.goal.phi_modulo
-    known_s, ramp_s = _known_s(guess), rigid_ramp_s(problem.robot, start[POSE:])
-    at_speed = least_time(*asked, known_s)
-    if from_rest_to_rest(at_speed, ramp_s) < enough:
-        until_s = enough - ramp_s if enough >= 2 * ramp_s else enough**2 / (4 * ramp_s)
-        at_speed = max(at_speed, least_drive_time(*asked, min(until_s * (1 + 1e-6), known_s)))
-    shortest = 0.0 if problem.goal.met_at(start) else problem.robot.limits.phase_s
-    return max(from_rest_to_rest(at_speed, ramp_s), shortest)
+    known_s, most = _known_s(guess), robot.limits.wheel_acceleration_rad_s2
+    gained = None if most is None else wheels / most
+    found = least_time(*asked, known_s, gained)
+    if found < enough and gained is not None:
+        found = max(found, least_time(*asked, known_s, gained, priced=True))
+    elif found < enough:
+        found = max(found, least_drive_time(*asked, min(enough * (1 + 1e-6), known_s)))
+    shortest = 0.0 if problem.goal.met_at(start) else robot.limits.phase_s
+    return max(found, shortest)
 
 
 def _known_s(guess: Motion) -> float:

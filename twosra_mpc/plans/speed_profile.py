@@ -87,7 +87,7 @@ def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
     """The quickest speed profile of each phase within the robot's limits."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
         durations = interval_durations(motion)
-        made = (_at_constant_speed(motion, i, own) for i, own in enumerate(durations))
+        made = (lasting(motion, i, own) for i, own in enumerate(durations))
         return tuple(map(_noticed, made))
     charge(Cost.PROFILE, motion.inputs[..., 0].size)
     parts = list(_smooth_parts(motion))
@@ -103,23 +103,23 @@ def _noticed(profile: SpeedProfile) -> SpeedProfile:
     return profile.lasting(2 * SAME_TIME_S) if brief else profile
 
 
-def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedProfile:
-    """Each interval in its least time; empty ones are left out."""
+def lasting(motion: Motion, phase: int, durations: Array) -> SpeedProfile:
+    """A phase whose intervals last so long, (k,) [s]; those that last no time are left out."""
     used, states = np.flatnonzero(durations > 0), motion.states[phase]
-    x, lasting = np.append(used, len(durations)), durations[used]
-    v = motion.inputs[phase][used] / lasting[:, None]
+    x, own = np.append(used, len(durations)), durations[used]
     modes = np.tile(np.array(motion.sequence[phase]), (len(used), 1))
-    ends = states[used], states[used + 1]
-    turned = np.array([wheel_speeds(motion.robot, q, v, modes) for q in ends])
+    s, change = (of[phase][used] / own[:, None] for of in (motion.inputs, motion.changes))
+    ends = (states[used], s - change / 2), (states[used + 1], s + change / 2)
+    turned = np.array([wheel_speeds(motion.robot, q, v, modes) for q, v in ends])
     mean = (turned[0] ** 2 + turned[0] * turned[1] + turned[1] ** 2).sum(axis=1) / 3
     return SpeedProfile(
         x=x.astype(float),
         q=states[x],
-        time_s=np.append(0.0, np.cumsum(lasting)),
-        speed=1 / lasting,
+        time_s=np.append(0.0, np.cumsum(own)),
+        speed=1 / own,
         acceleration=np.zeros(len(used)),
         wheel_rad_s=turned[0],
-        effort_s=float(mean @ lasting) / motion.robot.limits.wheel_speed_rad_s**2,
+        effort_s=float(mean @ own) / motion.robot.limits.wheel_speed_rad_s**2,
         peak_rad_s=float(np.abs(turned).max(initial=0.0)),
     )
 
@@ -127,7 +127,7 @@ def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedPro
 def _joined(motion: Motion, phase: int, parts: list[SpeedProfile]) -> SpeedProfile:
     """The parts of a phase one after the other."""
     if not parts:
-        return _at_constant_speed(motion, phase, np.zeros(motion.inputs.shape[1]))
+        return lasting(motion, phase, np.zeros(motion.inputs.shape[1]))
     start = np.append(0.0, np.cumsum([part.duration_s for part in parts]))
     made = SpeedProfile(
         x=np.concatenate([*(part.x[:-1] for part in parts), parts[-1].x[-1:]]),
@@ -202,7 +202,8 @@ def _from_rest_to_rest(motion: Motion, parts: list[_Part]) -> Iterator[SpeedProf
     phase = np.repeat([part.phase for part in parts], [len(part.path) for part in parts])
     k = np.concatenate([part.intervals[at] for part, at in zip(parts, at, strict=True)])
     s, modes = motion.inputs[phase, k], np.array(motion.sequence)[phase]
-    q = flown(motion.robot, motion.states[phase, k], s * np.concatenate(share)[:, None], modes)
+    way = s * np.concatenate(share)[:, None]
+    q = flown(motion.robot, motion.states[phase, k], way, np.zeros_like(way), modes)
     r, w = least_times_and_turns(motion.robot, q, s / np.concatenate(length)[:, None], modes)
     ends = np.cumsum([len(part.path) for part in parts])[:-1]
     asked = (np.split(each, ends) for each in (q, r, w, k + np.concatenate(share)))
@@ -330,13 +331,15 @@ def _knots(
             t, q, v, a, mode, wheels = found[-1]
             found[-1] = t[:-1], q[:-1], v[:-1], a[:-1], mode[:-1], wheels[:-1]
         k = np.minimum(profile.x[:-1].astype(int), len(motion.inputs[i]) - 1)
-        s = motion.inputs[i, k]
+        pace, rate = profile.speed[:, None], profile.acceleration[:, None]
+        s, change = motion.inputs[i, k], motion.changes[i, k]
+        begin = s + change * (profile.x[:-1] - k - 1 / 2)[:, None]
         found.append(
             (
                 start + profile.time_s,
                 np.concatenate([profile.q[:-1], motion.states[i, -1:]]),
-                np.concatenate([s * profile.speed[:, None], still]),
-                np.concatenate([s * profile.acceleration[:, None], still]),
+                np.concatenate([begin * pace, still]),
+                np.concatenate([s * rate + change * pace**2, still]),
                 np.tile(modes[i], (len(k) + 1, 1)),
                 np.concatenate([profile.wheel_rad_s, resting]),
             )
@@ -351,7 +354,8 @@ def _on_path(knots: Knots, times: Array, robot: Robot) -> Knots:
     further = new_times(times, known)
     at = np.searchsorted(known, further, side="right") - 1
     elapsed = (further - known[at])[:, None]
-    between = flown(robot, q[at], (v[at] + a[at] * elapsed / 2) * elapsed, mode[at])
+    change = a[at] * elapsed**2
+    between = flown(robot, q[at], v[at] * elapsed + change / 2, change, mode[at])
     later = v[at] + a[at] * elapsed
     t = np.concatenate([known, further])
     order = np.argsort(t, kind="stable")

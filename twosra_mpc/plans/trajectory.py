@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
-from twosra_mpc.model.flow import screws
+from twosra_mpc.model.flow import screws, turning, twists
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.problem import Problem
@@ -32,6 +32,7 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
+_STRAY = 1e-12  # m or rad: rounding of poses that a mean twist leads to
 _LOOK_S = 0.02  # between looks whether a box is entered
 HIGHEST_RATE_HZ = 1000.0  # of set-points; no controller of such robots takes more
 
@@ -50,8 +51,8 @@ class Samples(ArrayValue):
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
     On a plan's own grid modes, heater commands and the inputs' rate of change hold to the next
-    sample: from t_k on the input is v_k + a_k (t - t_k). A change of speed alone does not change
-    the path, and a_k is along v_k and v_(k+1).
+    sample: from t_k on the input is v_k + a_k (t - t_k). While something is soft a_k is along v_k
+    and v_(k+1), as a change of speed alone does not change the path; a drive may turn on the way.
 
     Attributes:
         t_s: Time [s], (rows,).
@@ -180,8 +181,9 @@ class Trajectory(ArrayValue):
     def held(self, rate_Hz: float | None = None) -> Samples:
         """Set-points to send: rows whose inputs and wheel speeds hold to the next and lose nothing.
 
-        They are means from row to row, so that every wheel turns as far as in the plan. Rows are at
-        a regular rate, where phases begin and end, and at the end; or on the plan's own grid.
+        They are means from row to row, so that every wheel turns as far as in the plan; where a
+        drive turns on the way, they lead from pose to pose. Rows are at a regular rate, where
+        phases begin and end, and at the end; or on the plan's own grid.
 
         Raises:
             InputError: If the rate is not positive, or beyond 1000 Hz.
@@ -195,10 +197,14 @@ class Trajectory(ArrayValue):
         _, at, elapsed = self._in_force(t)
         moved = self._moved[at] + self._input(at, elapsed / 2) * elapsed[:, None]
         dt = np.append(np.diff(t), 1.0)[:, None]  # the last row rests
-        v = np.diff(moved, axis=0, append=moved[-1:]) / dt
-        turned = self.wheel_travel_rad(t)
-        wheels = np.diff(turned, axis=0, append=turned[-1:]) / dt
-        return replace(self.at(t), v=v, a=np.zeros_like(v), wheel_rad_s=wheels)
+        found, turned = self.at(t), self.wheel_travel_rad(t)
+        s, poses = np.diff(moved, axis=0, append=moved[-1:]), found.q[:, :POSE]
+        v, wheels = s / dt, np.diff(turned, axis=0, append=turned[-1:]) / dt
+        astray = np.abs(screws(poses[:-1, 2], s[:-1, 2:]) - np.diff(poses, axis=0)).max(axis=1)
+        rows = np.flatnonzero((astray > _STRAY) & ~found.mode[:-1].any(axis=1))  # it turns
+        v[rows, 2:] = twists(poses[rows], poses[rows + 1], s[rows, 4]) / dt[rows]
+        wheels[rows] = wheel_speeds(self.problem.robot, found.q[rows], v[rows], found.mode[rows])
+        return replace(found, v=v, a=np.zeros_like(v), wheel_rad_s=wheels)
 
     def regular_times(self, rate_Hz: float) -> Array:
         """Times [s] at a regular rate, from 0 until no later than the end.
@@ -265,8 +271,9 @@ class Trajectory(ArrayValue):
 
     def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Configuration ``elapsed`` [s] after the samples ``at``."""
-        s = self._input(at, elapsed / 2) * elapsed[:, None]
-        return flown(self.problem.robot, self.samples.q[at], s, self.samples.mode[at])
+        held, lasting = self.samples, elapsed[:, None]
+        s, change = self._input(at, elapsed / 2) * lasting, held.a[at] * lasting**2
+        return flown(self.problem.robot, held.q[at], s, change, held.mode[at])
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Turns of the wheels within ``elapsed`` [s] after the samples ``at``, by Simpson."""
@@ -297,12 +304,15 @@ def new_times(times: Array, known: Array) -> Array:
     return times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
 
 
-def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
-    """Configurations after input displacements s = v h from q; rows at rest stay as they are."""
+def flown(robot: Robot, q: Array, s: Array, change: Array, mode: NDArray[np.int64]) -> Array:
+    """Configurations after input displacements s = v h from q; rows at rest stay as they are.
+
+    The input changes by ``change`` / h meanwhile: along itself where something is soft.
+    """
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
-    reached[rigid, :POSE] += screws(q[rigid, 2], s[rigid, 2:])
+    reached[rigid, :POSE] += turning(q[rigid, 2], s[rigid, 2:], change[rigid, 2:])
     if soft.any():
         reached[soft] = flow.flown(robot, q[soft], s[soft], mode[soft])
     return reached

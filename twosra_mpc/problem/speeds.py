@@ -178,23 +178,6 @@ def _rigid_rows(body: Body) -> ca.Function:
     return ca.Function("rigid_rows", [q], [ca.densify(ca.jacobian(times, twist))])
 
 
-def rigid_ramp_s(robot: Robot, kappa: ArrayLike) -> float:
-    """Least time in which a rigid drive gets from rest to full speed, 0 without such a limit [s].
-
-    Wheel speeds omega = V xi grow at most by a, so a row m = c V of ``rigid_rows`` by |c|_1 a. V
-    has one row more than columns: the c of a row are a line, and |c|_1 is least where one is zero.
-    """
-    most = robot.limits.wheel_acceleration_rad_s2
-    if most is None:
-        return 0.0
-    q = np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)])
-    wheels = kinematics(robot).wheel_matrix(q, robot.rigid).full()[:, 2:]
-    some, kept = rigid_rows(robot, kappa) @ np.linalg.pinv(wheels), np.linalg.svd(wheels)[0][:, 3]
-    without = [some - np.outer(some[:, i] / kept[i], kept) for i in np.flatnonzero(kept)]
-    growth = np.min([np.abs(c).sum(axis=1) for c in (some, *without)], axis=0)
-    return float(1 / (most * growth.max()))
-
-
 def shares_used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[Array]:
     """Share of each speed limit that inputs (m, 5) use at configurations (m, 3 + n), each (k, m).
 

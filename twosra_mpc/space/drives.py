@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.model.flow import twists
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
@@ -31,7 +32,6 @@ from twosra_mpc.space.screws import (
     shortest,
     times_at_speed_s,
     times_from_rest_s,
-    twists,
 )
 from twosra_mpc.space.separation import Separation
 

@@ -15,9 +15,10 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.model.flow import twists
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.lattice import lattice, triangles
-from twosra_mpc.space.screws import continued, times_at_speed_s, twists
+from twosra_mpc.space.screws import continued, times_at_speed_s
 from twosra_mpc.space.slices import FreeSlices, Indices, components
 
 _MOST = 1000  # grid nodes in a slice

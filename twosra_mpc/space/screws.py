@@ -11,27 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import screws
+from twosra_mpc.model.flow import screws, twists
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.robot.coordinates import Array, wrapped
-
-
-def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:
-    """Displacement (s_u, s_v, s_r) of b0 in its own frame by a constant twist, (..., 3) [m, rad].
-
-    Args:
-        start: Poses, (..., 3) [m, m, rad].
-        end: Poses, (..., 3).
-        turns_rad: By how much it turns; left out, by the least of what ends at that heading.
-    """
-    turn = wrapped(end[..., 2] - start[..., 2]) if turns_rad is None else turns_rad
-    shift = end[..., :2] - start[..., :2]
-    heading = start[..., 2] + turn / 2  # the chord is at half the turn
-    c, s = np.cos(heading), np.sin(heading)
-    stretched = 1 / np.sinc(turn / (2 * np.pi))
-    along = stretched * (c * shift[..., 0] + s * shift[..., 1])
-    across = stretched * (c * shift[..., 1] - s * shift[..., 0])
-    return np.stack([along, across, turn], axis=-1)
 
 
 def moved(start: Array, twist: Array, share: Array) -> Array:

@@ -14,12 +14,20 @@ panel of half-width h about phi_m the arc R(phi) w lies in the triangle of its e
 R(phi_m) w / cos h, so testing these three points proves the inequality on the whole panel.
 
 Only headings that a motion faster than a known one can visit need to be covered.
+
+Where wheels accelerate by at most a, a drive has twists in t {|V xi| <= a} a time t after its start
+and before its end. Then S grows by at most g t, where g is the most that (p R(phi), C') gains over
+{|V xi| <= a}, for headings phi that can be turned to or from in t; so a drive from rest to rest
+takes at least as long as the integral of min(1, g t, g (T - t)) needs to be what S gains. Where a
+screw turns much, another S with a smaller g near the ends may prove more: a price of acceleration.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +35,10 @@ from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.robot.coordinates import Array
 
 _PANEL_RAD = 0.06
+_CELLS = 64  # of the time in which all speeds are reached
+_PRICED = (0.8, 0.6, 0.4)  # of g, in further programs
 FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
+_AT_ENDS_RAD = 0.25  # there accelerations have a price
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
 
 
@@ -38,6 +49,8 @@ def least_time(
     turns: tuple[float, float],
     modulo: bool,
     known_s: float,
+    wheel_rows: Array | None = None,
+    priced: bool = False,
 ) -> float:
     """Lower bound on the duration of any rigid motion with this change of pose [s].
 
@@ -47,22 +60,73 @@ def least_time(
         shift_box: Half-width of the goal box in the same frame's axes [m], (2,).
         turns: (low, high) of the change of heading [rad]; infinite where free.
         modulo: Whether headings that differ by full turns are equal.
-        known_s: Duration of a known motion; the bound never exceeds it.
+        known_s: Duration of a known motion at full speed; without ramps the bound never exceeds it.
+        wheel_rows: V / a, (4, 3), if wheels accelerate by a from rest and back to it.
+        priced: Whether to look for a better bound with further programs.
     """
     vertices = twist_vertices(speed_rows)
     if vertices is None:
         return 0.0
-    fastest_turn = float(vertices[:, 2].max())
-    reach = fastest_turn * known_s
+    ramps = _NO_RAMPS if wheel_rows is None else _Ramps.of(vertices, wheel_rows)
+    known_s += 2 * ramps.longest_s  # a screw, or a straight way and a turn
+    reach = float(vertices[:, 2].max()) * known_s
     if reach > FAR_RAD:
         free = not all(map(math.isfinite, turns))
         around = ((-math.pi, math.pi), True) if free else (turns, modulo)
-        found = _bound_around(vertices, shift, shift_box, *around)
+        found = _bound_around(vertices, shift, shift_box, *around, ramps)
         return min(found, known_s) * (1 - _ROUNDING)
     best = known_s
     for goal in goal_headings(turns, modulo, reach):
-        best = min(best, _bound_to(vertices, shift, shift_box, goal, reach))
+        best = min(best, _bound_to(vertices, shift, shift_box, goal, reach, ramps, priced))
     return best * (1 - _ROUNDING)
+
+
+class _Ramps(NamedTuple):
+    """Gains of twist in a second, and how long it takes to reach every speed.
+
+    Attributes:
+        gains: Vertices of {|V xi| <= a}, (n, 3) [per s].
+        longest_s: In which every twist of P is reached from rest.
+    """
+
+    gains: Array
+    longest_s: float
+
+    @classmethod
+    def of(cls, vertices: Array, wheel_rows: Array) -> _Ramps:
+        """The ramps of P by its vertices."""
+        gains = twist_vertices(wheel_rows)
+        if gains is None:
+            return _NO_RAMPS
+        return cls(gains, float(np.abs(vertices @ wheel_rows.T).max()))
+
+    def least_s(self, gained: float, growth: Array, off: Sequence[Array]) -> float:
+        """Least time from rest to rest in which S gains so much [s].
+
+        Args:
+            gained: In units of what it grows by in a second at full speed.
+            growth: g on each panel of headings, (k,).
+            off: How far panels are from where it starts, and from where it ends, (k,) each [rad].
+        """
+        if not len(self.gains):
+            return gained
+        cell_s = self.longest_s / _CELLS
+        ends = cell_s * np.arange(1, _CELLS + 1)
+        reached = float(self.gains[:, 2].max()) * ends**2 / 2
+        rates = []
+        for far in off:
+            order = np.argsort(far)
+            most = np.maximum.accumulate(growth[order])
+            near = np.searchsorted(far[order], reached, side="right")
+            rates.append(np.minimum(1.0, most[np.maximum(near, 1) - 1] * (ends - cell_s / 2)))
+        # Both grow with time from the ends, so the slowest cells are those of a drive that ends.
+        area = np.append(0.0, np.cumsum(np.sort(np.concatenate(rates)))) * cell_s
+        if gained >= area[-1]:
+            return 2 * self.longest_s + gained - float(area[-1])
+        return float(np.interp(gained, area, cell_s * np.arange(len(area))))
+
+
+_NO_RAMPS = _Ramps(np.empty((0, 3)), 0.0)
 
 
 def goal_headings(
@@ -89,25 +153,27 @@ def twist_vertices(speed_rows: Array) -> Array | None:
 
 
 def _bound_to(
-    vertices: Array, shift: Array, shift_box: Array, goal: tuple[float, float], reach: float
+    vertices: Array,
+    shift: Array,
+    shift_box: Array,
+    goal: tuple[float, float],
+    reach: float,
+    ramps: _Ramps,
+    priced: bool,
 ) -> float:
     """Best bound of the form above for one interval of goal headings, relative to the start's."""
     near = min(max(0.0, goal[0]), goal[1])  # what must be turned in any case
     low, high = headings_visited(goal, reach)
     marks = {low, min(0.0, near), max(0.0, near), high, *np.clip(goal, low, high).tolist()}
     edges = _panels(sorted(marks))
+    if len(edges) < 2:
+        return 0.0
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     between = (middle > min(0.0, near)) & (middle < max(0.0, near))
     uncertain = (middle > goal[0]) & (middle < goal[1])
 
     count = len(middle)
-    blocks = []
-    for angle, stretch in ((middle - half, None), (middle + half, None), (middle, np.cos(half))):
-        c, s = np.cos(angle), np.sin(angle)
-        size = 1.0 if stretch is None else 1.0 / stretch
-        for u, v, r in vertices:
-            turned = np.column_stack([(c * u - s * v) * size, (s * u + c * v) * size])
-            blocks.append(np.hstack([turned, -turned, np.eye(count) * r]))
+    growth, gains = (_growth(middle, half, np.eye(count), of) for of in (vertices, ramps.gains))
     asked = np.isfinite(shift)
     along = np.where(asked, shift, 0.0)
     # p = plus - minus, both >= 0, so that the goal box costs box . (plus + minus).
@@ -116,16 +182,50 @@ def _bound_to(
     ends = np.tile([-np.inf, np.inf], (len(gain), 1))
     ends[:4, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
     ends[4:][uncertain] = 0.0
-    rows = np.vstack(blocks)
-    optimum = minimise(-gain, rows, np.ones(len(rows)), [(a, b) for a, b in ends.tolist()])
-    if optimum is None:
-        return 0.0
-    s = np.clip(optimum[1], *ends.T)
-    return float(gain @ s) / float((rows @ s).max(initial=1.0))  # S, made to grow as it may
+    off = [
+        np.maximum(np.maximum(a - middle, middle - b) - half, 0.0) for a, b in ((0.0, 0.0), goal)
+    ]
+    at_ends = np.flatnonzero(np.minimum(*off) <= _AT_ENDS_RAD)
+    rows, limits, best, least = growth, np.ones(len(growth)), 0.0, math.inf
+    for share in (1.0, *_PRICED) if priced and len(gains) else (1.0,):
+        if share < 1.0:
+            some = gains.reshape(-1, count, len(gain))[:, at_ends].reshape(-1, len(gain))
+            rows = np.vstack([growth, some])
+            limits = np.append(np.ones(len(growth)), np.full(len(some), share * least))
+        optimum = minimise(-gain, rows, limits, [(a, b) for a, b in ends.tolist()])
+        if optimum is None:
+            break
+        s = np.clip(optimum[1], *ends.T)
+        s /= float((growth @ s).max(initial=1.0))  # S, made to grow as it may
+        own = (gains @ s).reshape(-1, count).max(axis=0, initial=0.0)
+        least = min(least, float(own[at_ends].max()))
+        best = max(best, ramps.least_s(float(gain @ s), own, off))
+    return best
+
+
+def _growth(middle: Array, half: Array, slopes: Array, twists: Array) -> Array:
+    """Rows of what S grows by on panels of headings, for every twist, (points, panels, unknowns).
+
+    Unknowns are p, split in two, and those of which ``slopes`` make C'. On a panel the arc of
+    headings lies in the triangle of its ends and its middle, stretched.
+    """
+    blocks = [np.empty((0, 4 + slopes.shape[1]))]
+    for angle, stretch in ((middle - half, None), (middle + half, None), (middle, np.cos(half))):
+        c, s = np.cos(angle), np.sin(angle)
+        size = 1.0 if stretch is None else 1.0 / stretch
+        for u, v, r in twists:
+            turned = np.column_stack([(c * u - s * v) * size, (s * u + c * v) * size])
+            blocks.append(np.hstack([turned, -turned, slopes * r]))
+    return np.vstack(blocks)
 
 
 def _bound_around(
-    vertices: Array, shift: Array, shift_box: Array, turns: tuple[float, float], modulo: bool
+    vertices: Array,
+    shift: Array,
+    shift_box: Array,
+    turns: tuple[float, float],
+    modulo: bool,
+    ramps: _Ramps,
 ) -> float:
     """Best bound with C(phi) = a phi + what has a period of 2 pi; a = 0 if full turns are equal.
 
@@ -139,17 +239,8 @@ def _bound_around(
     level = np.eye(count)  # C where panels begin
     slopes = (np.roll(level, -1, axis=0) - level) / (2 * half)[:, None]
     flat = slopes[(middle - here) % math.tau < wide]
-    blocks = []
-    for angle, size in (
-        (edges[:-1], np.ones(count)),
-        (edges[1:], np.ones(count)),
-        (middle, 1 / np.cos(half)),
-    ):
-        c, s = np.cos(angle) * size, np.sin(angle) * size
-        for u, v, r in vertices:
-            drive = np.column_stack([c * u - s * v, s * u + c * v])
-            turn = np.full((count, 1), r)
-            blocks.append(np.hstack([drive, -drive, turn, -turn, slopes * r]))
+    of_turns = np.hstack([np.ones((count, 1)), -np.ones((count, 1)), slopes])
+    growth, gains = (_growth(middle, half, of_turns, of) for of in (vertices, ramps.gains))
     asked = np.isfinite(shift)
     along, box = np.where(asked, shift, 0.0), np.where(asked, shift_box, 0.0)
     reached = level[int(np.argmin(np.abs(edges[:-1] - here)))]
@@ -158,7 +249,6 @@ def _bound_around(
     ends[:6, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
     ends[4:6, 1] = 0.0 if modulo else np.inf
     ends[6] = 0.0  # C at the start's heading
-    growth = np.vstack(blocks)
     level_rows = np.pad(np.vstack([flat, -flat]), ((0, 0), (6, 0)))
     limits = np.concatenate([np.ones(len(growth)), np.zeros(len(level_rows))])
     rows = np.vstack([growth, level_rows])
@@ -167,7 +257,9 @@ def _bound_around(
         return 0.0
     s = np.clip(optimum[1], *ends.T)
     fall = float(np.abs(flat @ s[6:]).sum()) * 2 * float(half.max())  # within the goal's headings
-    return max(0.0, float(gain @ s) - fall) / float((growth @ s).max(initial=1.0))
+    size = float((growth @ s).max(initial=1.0))
+    own = (gains @ s / size).reshape(-1, count).max(axis=0, initial=0.0)
+    return ramps.least_s(max(0.0, float(gain @ s) - fall) / size, own, [np.zeros(count)] * 2)
 
 
 def headings_visited(goal: tuple[float, float], reach: float) -> tuple[float, float]:

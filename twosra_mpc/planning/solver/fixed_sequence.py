@@ -35,7 +35,7 @@ _MOST_TURN_RAD = 0.35  # in an interval, inside a workspace; half a turn fits in
 _MAX_ITERATIONS = 150
 _STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
 _SPARED_M = 2e-4  # by which parts are apart at nodes, for what is between them
-_ALONE = threading.Lock()  # MUMPS, which IPOPT factorises with, fails in two threads at a time
+ALONE = threading.Lock()  # MUMPS, which IPOPT factorises with, fails in two threads at a time
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -110,14 +110,15 @@ def timed(
     problem: Problem,
     iterations: int,
     stage_ends: tuple[int, ...] = (),
+    profiles: tuple[SpeedProfile, ...] = (),
 ) -> Candidate | None:
-    """Run a motion as fast as the limits allow and schedule its transitions.
+    """Run a motion as fast as the limits allow, or as told, and schedule its transitions.
 
     Returns None if it takes a shape that the limits forbid.
     """
     if not shapes_allowed(motion, _STILL):
         return None
-    profiles = fastest(motion)
+    profiles = profiles or fastest(motion)
     durations = np.array([profile.duration_s for profile in profiles])
     found = feasible_schedule(network, durations, problem)
     return None if found is None else Candidate(motion, profiles, *found, iterations, stage_ends)
@@ -159,7 +160,7 @@ def _solved(
     g_lower, g_upper = _constraint_bounds(program, network, problem)
     iterations = 0
     for share in _STARTS:
-        with _ALONE:
+        with ALONE:
             solution = solver(
                 x0=program.pack(guess.states, share * guess.inputs, times),
                 p=program.parameters(

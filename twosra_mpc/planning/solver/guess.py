@@ -8,8 +8,6 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 
 from __future__ import annotations
 
-import cmath
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -20,7 +18,15 @@ from numpy.linalg import norm
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.flow import Motion, bending_step, drive, interval_flow, passed, roll_out
+from twosra_mpc.model.flow import (
+    Motion,
+    bending_step,
+    drive,
+    interval_flow,
+    passed,
+    roll_out,
+    twists,
+)
 from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
@@ -110,8 +116,7 @@ def moved_inside(motion: Motion, problem: Problem | Alone) -> Motion:
     begins[last, :2] += by if last > first else 0.0
     ends[last, :2] = states[last, -1, :2] + end_by
     for i in {first, last}:
-        screw = _screw(complex(*ends[i, :2]), begins[i], float(ends[i, 2] - begins[i, 2]))
-        inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
+        inputs[i, :, 2:] = twists(begins[i], ends[i], ends[i, 2] - begins[i, 2]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
 
 
@@ -135,8 +140,7 @@ def swerved(motion: Motion, turn_rad: float) -> Motion:
         return motion
     inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
     poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
-    for k, (here, end) in enumerate(itertools.pairwise(poses)):
-        inputs[first, k, 2:] = _screw(complex(*end[:2]), here, float(end[2] - here[2]))
+    inputs[first, :, 2:] = twists(poses[:-1], poses[1:], np.diff(poses[:, 2]))
     return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
 
 
@@ -282,21 +286,10 @@ def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
     ``before`` is q at the phase, ``after`` q at the end of the motion without the move. Free
     coordinates of the goal keep the value they have without it.
     """
-    here, end = before[:3], after[:3]
-    wanted = goal.aim(after)[:3]
-    turn = float(wanted[2] - end[2])
-    carried = complex(*wanted[:2]) + cmath.rect(1.0, turn) * (
-        complex(*here[:2]) - complex(*end[:2])
-    )
-    return np.array([0.0, 0.0, *_screw(carried, here, turn)])
-
-
-def _screw(there: complex, here: Array, turn: float) -> tuple[float, float, float]:
-    """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) from a pose."""
-    half = turn / 2
-    along = half / math.tan(half) if abs(half) > 1e-8 else 1 - half**2 / 3
-    moved = (there - complex(*here[:2])) * cmath.rect(1.0, -float(here[2])) * complex(along, -half)
-    return moved.real, moved.imag, turn
+    here, wanted = before[:POSE], goal.aim(after)[:POSE]
+    turn = wanted[2] - after[2]
+    there = wanted + np.append((here - after[:POSE])[:2] @ rotation(turn), 0.0)
+    return np.array([0.0, 0.0, *twists(here, there, turn)])
 
 
 TERMINAL_TOLERANCE = 1e-3 * GOAL_TOLERANCE  # largest error at the goal that can be corrected

@@ -228,7 +228,12 @@ def ipopt(
     of the time, but the first one waits for seconds and 300 MiB, which 50 programs do not save.
     """
     transcription = transcribe(robot, goal, phases, intervals, steps, inside, apart)
-    stopping = Stopping(transcription.nlp)
+    return transcription, *solver_of(transcription.nlp, max_iterations)
+
+
+def solver_of(nlp: dict[str, Any], max_iterations: int) -> tuple[ca.Function, Stopping]:
+    """Prepare a program for IPOPT; what stops it must be kept with it."""
+    stopping = Stopping(nlp)
     options: dict[str, Any] = {
         "iteration_callback": stopping,
         "ipopt.print_level": 0,
@@ -242,14 +247,13 @@ def ipopt(
         "ipopt.bound_relax_factor": 0.0,
         "ipopt.max_hessian_perturbation": MOST_ADDED,
     }
-    solver = ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
-    return transcription, solver, stopping
+    return ca.nlpsol("program", "ipopt", nlp, options), stopping
 
 
 class Stopping(ca.Callback):
     """Stops a solver when the effort of whoever called it is over."""
 
-    def __init__(self, nlp: dict[str, ca.MX]) -> None:
+    def __init__(self, nlp: dict[str, Any]) -> None:
         """For a program with these symbols x and expressions g."""
         ca.Callback.__init__(self)
         self._sizes = {"f": 1, "x": nlp["x"].numel(), "g": nlp["g"].numel()}

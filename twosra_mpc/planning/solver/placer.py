@@ -10,7 +10,7 @@ import numpy as np
 
 from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import Motion, joined, roll_out
+from twosra_mpc.model.flow import Motion, joined, roll_out, twists
 from twosra_mpc.planning.bounds.schedule import with_durations
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
@@ -28,7 +28,6 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
-from twosra_mpc.space.screws import twists
 from twosra_mpc.timing import TemporalNetwork
 
 Made = tuple[float, Solved] | None  # (cost, plan), or nothing that verifies

@@ -36,6 +36,7 @@ from twosra_mpc.planning.solver.guess import (
     swerved,
     turned_to_go,
 )
+from twosra_mpc.planning.solver.turning_drive import turning_drives
 from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
@@ -158,14 +159,20 @@ class GoalSolver:
             return  # a nonlinear program, which knows of no levers, would bend straight on
         if first is not None and first[0] - bound.cost < self._least_s:
             return
-        starts = [guess]
-        if not any(map(any, network.sequence)):
+        starts, ramps = [guess], problem.robot.limits.wheel_acceleration_rad_s2 is not None
+        drives = not any(map(any, network.sequence))
+        if drives and ramps:
+            for motion, profile in turning_drives(problem, guess):
+                candidate = timed(motion, network, problem, 0, profiles=(profile,))
+                made = checked(self._asked, candidate, network)
+                yield made
+                starts = [] if made else starts
+        elif drives:
             going = turned_to_go(guess)  # all there is to do is to drive
             candidate = scheduled(going, network, problem, iterations=0)
             yield self._guessed_plan(self._asked, candidate, network)
             starts.append(going)
-            if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
-                starts.append(swerved(guess, _ASIDE_RAD))
+            starts.append(swerved(guess, _ASIDE_RAD))
         for start in starts:
             if out_of_effort():
                 return

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, charge, out_of_effort
+from twosra_mpc.model.flow import twists
 from twosra_mpc.robot.coordinates import Array, wrapped
-from twosra_mpc.space.screws import twists
 
 # Fractional parts of its multiples fill the unit cube evenly: powers of the root of x^4 = x + 1.
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
