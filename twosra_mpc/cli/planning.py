@@ -119,7 +119,7 @@ def _print_summary(result: Result) -> None:
     if result.plan is not None:
         rows += _summary(result.plan)
     if (policy := result.policy) is not None:
-        rows += [("policy" if i == 0 else "branch", each) for i, each in enumerate(policy.words)]
+        rows += [("branch" if i else "policy", words) for i, words in enumerate(policy.sentences)]
     if (proof := result.certificate) is not None:
         size = f"{len(json.dumps(proof)) / 1e3:z.1f} kB, {len(proof['opened'])} sequences opened"
         rows.append(("certificate", f"proves {proof['bound_s']:z.2f} s anew ({size})"))
