@@ -15,17 +15,18 @@ from conftest import Run
 from problems import random_problem
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_plan, load_problem, load_robot, plan
+from twosra_mpc.analysis.explanation import explain
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.effort import Ending
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.files import write_json
-from twosra_mpc.lab.identification.joint_bends import learned, told_by
+from twosra_mpc.lab.identification.bend_learning import learned, told_by
 from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.planning.confirmed_bound import Sequences, at_once, least_costs_s
 from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched
 from twosra_mpc.planning.policy import RELYING, miss, relies
-from twosra_mpc.planning.policy_bound import Sequences, at_once, least_costs_s
 from twosra_mpc.plans.branches import priced
 from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
 
@@ -92,7 +93,8 @@ def test_the_best_of_small_trees_is_found_and_costs_what_its_runs_do(seed: int) 
     """Two looks, three scenarios, two segments: against every first plan."""
     rng = np.random.default_rng(seed)
     problem = bending(seed, [0.0, *rng.uniform(-0.2, 0.2, 2)])
-    policy, uncertain = plan(problem).policy, problem.robot.uncertainty
+    result, uncertain = plan(problem), problem.robot.uncertainty
+    policy = result.policy
     assert policy is not None
     assert uncertain is not None
     bends = uncertain.joint_bends
@@ -105,6 +107,12 @@ def test_the_best_of_small_trees_is_found_and_costs_what_its_runs_do(seed: int) 
         bounds = least_costs_s(problem.with_values(risk=risk), bends, max(least))
         costs = [priced([(1 / 3, cost) for cost in each], risk) for each in trees]
         assert bounds[1] <= bounds[0] <= min(costs)
+    wider, measured, *_ = explain(result).alternatives
+    assert wider.difference_s is not None
+    assert wider.difference_s <= problem.gap * policy.cost_s
+    nominal = plan(problem.with_values(robot=KNOWN)).policy
+    assert nominal is not None
+    assert measured.difference_s == nominal.cost_s - policy.cost_s
 
 
 @pytest.mark.parametrize("name", [f"paper-{number}" for number in range(1, 6)])

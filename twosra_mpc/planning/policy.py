@@ -16,8 +16,8 @@ import numpy as np
 from twosra_mpc.effort import Ending, OutOfEffortError, spent
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.bending import bending
+from twosra_mpc.planning.confirmed_bound import Sequences, least_costs_s
 from twosra_mpc.planning.planner import Progress, searched
-from twosra_mpc.planning.policy_bound import Sequences, least_costs_s
 from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result

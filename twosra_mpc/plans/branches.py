@@ -98,12 +98,16 @@ class Policy(NamedTuple):
         return 1 - self.lower_bound / self.cost_s
 
     @property
+    def what(self) -> str:
+        """What of the cost counts, in words."""
+        return "expected" if isinstance(self.risk, str) else f"{self.risk:zg} quantile"
+
+    @property
     def words(self) -> str:
         """What is expected, how far from the best that can be, and what not knowing costs."""
-        what = "expected" if self.risk == "mean" else f"{self.risk:zg} quantile"
         proved = f"proved: no policy below {self.lower_bound:z.1f} s ({100 * self.gap:z.1f} % less)"
         unknown = f"not knowing costs {self.cost_s - self.known_bound:z.0f} s at most"
-        return f"{what} {self.cost_s:z.1f} s as confirmed; {proved}; {unknown}"
+        return f"{self.what} {self.cost_s:z.1f} s as confirmed; {proved}; {unknown}"
 
     @property
     def outcomes(self) -> Iterator[tuple[str, str, float]]:

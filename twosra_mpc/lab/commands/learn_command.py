@@ -14,7 +14,7 @@ from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.run import load_run
 from twosra_mpc.files import write_text
-from twosra_mpc.lab.identification.joint_bends import Learned, learned, told_by
+from twosra_mpc.lab.identification.bend_learning import Learned, learned, told_by
 from twosra_mpc.robot.description import load_robot, robot_document
 from twosra_mpc.robot.joint_bends import Uncertainty
 
