@@ -50,7 +50,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
-OWN_TESTS = ("doctor", "reproduce", "batch", "atlas", "studio")  # examples run there
+OWN_TESTS = ("doctor", "reproduce", "batch", "atlas", "studio", "learn")  # examples run there
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that start at a scenario plan a quick one, and draw and film little."""
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
-    monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
+    monkeypatch.setattr(page, "plot_plan", lambda *_, **__: Figure())
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
 

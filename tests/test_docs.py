@@ -26,6 +26,7 @@ from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
 from twosra_mpc.lab.reproduction.random_problems import Kind, RandomRun, random_runs
 from twosra_mpc.planning.proof import Prover
+from twosra_mpc.plans.branches import Policy
 from twosra_mpc.plotting import film
 
 ROOT = Path(__file__).parent.parent
@@ -113,7 +114,7 @@ def load_briefly(asked: str, **overrides: Any) -> Problem:
     return load_problem(asked, **{"work_limit": 4500.0, "gap": 0.9, **overrides})
 
 
-def blank(_: Plan, path: Path | None = None) -> Figure:
+def blank(_: Plan, path: Path | None = None, __: Policy | None = None) -> Figure:
     """A figure that takes no time; the real ones have tests of their own."""
     figure = Figure(figsize=(1, 1))
     if path is not None:

@@ -50,6 +50,7 @@ QUICK: dict[str, tuple[str, int]] = {
     "check-robot": ("2sra-v1", 0),
     "fit-paths": ("2sra-v1-paper", 0),
     "fit-thermal": ("heating.csv --robot 2sr-v2 --score", 0),
+    "learn": ("plan.json", 2),  # a run takes longer
     "estimate-curvature": ("shots --scale .005 --length .04 --towards 39,35", 0),
     "import-map": ("map.yaml", 0),
     "schema": ("scenario", 0),

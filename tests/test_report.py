@@ -30,6 +30,7 @@ from twosra_mpc import (
     load_plan,
     load_problem,
 )
+from twosra_mpc.plans.branches import Branch, Policy
 from twosra_mpc.plans.plan import percent
 from twosra_mpc.plans.trajectory import stiffness_intervals
 from twosra_mpc.plotting import TimeStretch, robot_shape
@@ -84,7 +85,7 @@ def page(paper: Result) -> str:
 @pytest.fixture(autouse=True)
 def quick_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a test makes a page of its own, its figure is not the point, and takes seconds."""
-    monkeypatch.setattr(page_module, "plot_plan", lambda plan: Figure())
+    monkeypatch.setattr(page_module, "plot_plan", lambda plan, policy: Figure())
 
 
 def result_in(html: str, folder: Path) -> Result:
@@ -99,7 +100,8 @@ def hostile(result: Result) -> Result:
     problem = result.problem.with_values(robot=robot, description=HOSTILE)
     made = result.require()
     renamed = replace(made, trajectory=replace(made.trajectory, problem=problem))
-    return replace(result, problem=problem, words=HOSTILE, plan=renamed)
+    missed = Policy("mean", 9.0, 8.0, (Branch(0.5, 1, HOSTILE, 2.0, ((1, 0),), 10.0),))
+    return replace(result, problem=problem, words=HOSTILE, plan=renamed, policy=missed)
 
 
 def without_plan(result: Result, status: Status) -> Result:
@@ -364,6 +366,7 @@ def test_names_are_text_and_never_markup(paper: Result, page: str, tmp_path: Pat
     for tag in ("script", "img", "style", "a", "h1", "section", "svg"):
         assert len(made.texts.get(tag, [])) == len(plain.texts.get(tag, [])), tag
     assert made.texts["h1"] == [HOSTILE]
+    assert f"{HOSTILE} (probability 0.5)" in "".join(made.texts["td"])
     assert made.by_id["commands"].count(shlex.quote(HOSTILE)) == 2
     assert result_in(text, tmp_path).problem.robot.name == HOSTILE
 

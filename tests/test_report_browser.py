@@ -250,7 +250,7 @@ def test_hostile_names_stay_text(
     result = solved("paper-1")
     robot = result.problem.robot.with_values(name=HOSTILE)
     problem = result.problem.with_values(robot=robot, description=HOSTILE)
-    monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
+    monkeypatch.setattr(page, "plot_plan", lambda plan, policy: Figure())
     write_report(replace(result, problem=problem, words=HOSTILE), folder / "hostile.html")
     opened(browser, folder / "hostile.html")
     assert browser.title == f"{HOSTILE}: plan report"
@@ -261,7 +261,7 @@ def test_hostile_names_stay_text(
 def test_pages_without_motion_work_too(
     browser: Chrome, paper: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
+    monkeypatch.setattr(page, "plot_plan", lambda plan, policy: Figure())
     start = paper.problem.start
     rest = solved("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
     none = replace(rest, status=Status.FAILED, plan=None)

@@ -16,6 +16,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted
+from twosra_mpc.plans.branches import Policy
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.limits import BEND_LEVER
@@ -42,12 +43,14 @@ class Alternative:
         details: What exactly was changed, or what the other plan does; may be empty.
         original: The plan that is explained, at full speed.
         result: Of planning the changed problem; None if the change makes no valid problem.
+        expected_s: Cost of the policy that is explained, with which that of the other is compared.
     """
 
     change: str
     details: str
     original: Plan
     result: Result | None
+    expected_s: float | None = None
 
     @property
     def plan(self) -> Plan | None:
@@ -57,14 +60,28 @@ class Alternative:
     @property
     def difference_s(self) -> float | None:
         """Cost less that of the original [s]; None without a plan."""
-        return None if self.plan is None else self.plan.cost.total - self.original.cost.total
+        return None if self.cost_s is None else self.cost_s - self.compared_s
+
+    @property
+    def cost_s(self) -> float | None:
+        """Cost of the other plan, or of its policy where that is compared [s]; None without."""
+        if self.result is None or self.result.plan is None:
+            return None
+        if self.expected_s is None:
+            return self.result.plan.cost.total
+        return None if self.result.policy is None else self.result.policy.cost_s
+
+    @property
+    def compared_s(self) -> float:
+        """Cost that it is compared with [s]."""
+        return self.original.cost.total if self.expected_s is None else self.expected_s
 
     @property
     def difference(self) -> float | None:
         """``difference_s`` relative to the cost of the original."""
-        if self.difference_s is None or not self.original.cost.total:
+        if self.difference_s is None or not self.compared_s:
             return None
-        return self.difference_s / self.original.cost.total
+        return self.difference_s / self.compared_s
 
     @property
     def outcome(self) -> str:
@@ -80,7 +97,8 @@ class Alternative:
         if more_s is None:
             return ""
         if more_s < -_SAME_S:
-            easier = self.plan is not None and self.plan.robot != self.original.robot
+            asked = self.plan and (self.plan.robot, self.plan.problem.goal)
+            easier = asked != (self.original.robot, self.original.problem.goal)
             return f"{-more_s:z.2f} s less{'' if easier else ': this plan is not the best'}"
         percent = 100 * (self.difference or 0.0)
         digits = 1 if abs(percent) >= 1 else 3
@@ -114,11 +132,7 @@ def alternatives(
     yield next_best(original)
     for change, values in _changes(original):
         tell(change)
-        try:
-            changed = original.problem.with_values(**values)
-            yield Alternative(change, "", original, plan_until_interrupted(changed))
-        except InputError as error:
-            yield Alternative(change, f"no such problem: {error}", original, None)
+        yield _changed(change, values, original)
     robot, change = original.robot, f"without the limit {BEND_LEVER.name}"
     if robot.limits.bend_lever is not None and not problem.obstacles:
         tell(change)
@@ -127,6 +141,39 @@ def alternatives(
         other = Alternative(change, "wheels would have to bend and hold", original, found)
         if found.ending is Ending.INTERRUPTED or (other.difference_s or 0.0) < -_SAME_S:
             yield other
+
+
+def of_policy(result: Result, policy: Policy, tell: Tell) -> Iterator[Alternative]:
+    """Plan one alternative to a policy after the other; their policies are compared.
+
+    Args:
+        result: Of planning.
+        policy: Its policy.
+        tell: Told what is planned next.
+    """
+    made = result.require()
+    problem = made.problem
+    measured = problem.robot.with_values(uncertainty=None)
+    easier: dict[str, dict[str, object]] = {
+        "with goal tolerances twice as wide": {
+            "goal": problem.goal.loosened(problem.goal.half_width)
+        },
+        "with a robot measured to share its joint bends equally": {"robot": measured},
+    }
+    for change, values in (*easier.items(), *_changes(made)):
+        tell(change)
+        yield _changed(change, values, made, policy.cost_s)
+
+
+def _changed(
+    change: str, values: dict[str, object], original: Plan, expected_s: float | None = None
+) -> Alternative:
+    """Plan the problem with other values."""
+    try:
+        found = plan_until_interrupted(original.problem.with_values(**values))
+        return Alternative(change, "", original, found, expected_s)
+    except InputError as error:
+        return Alternative(change, f"no such problem: {error}", original, None, expected_s)
 
 
 def orders_not_planned(made: Plan) -> list[tuple[Task, ...]]:

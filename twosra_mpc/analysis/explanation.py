@@ -16,6 +16,7 @@ from twosra_mpc.analysis.alternatives import (
     alternatives,
     complete_sequence,
     moving_modes,
+    of_policy,
     orders_not_planned,
     with_better,
 )
@@ -132,13 +133,19 @@ class Explanation(ArrayValue):
         if self.hidden:
             free = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in self.hidden]
             yield ("at no cost", "meanwhile"), [*free]
+        if (policy := self.result.policy) is not None:
+            yield (
+                (f"{policy.what} {policy.cost_s:z.2f} s", "of"),
+                [("", each) for each in policy.sentences],
+            )
         options = [(other.change, other.price, other.outcome) for other in self.alternatives]
         if self.orders_left:
             options.append(("in other orders", "", f"{self.orders_left} were not planned"))
         if options:
-            own = self.alternatives[0].original if self.alternatives else self.result.require()
-            speed = "" if own is self.result.plan else " at full speed"
-            yield (f"instead of {own.cost.total:z.2f} s{speed}", "more", "outcome"), [*options]
+            own = self.alternatives[0] if self.alternatives else None
+            cost_s = own.compared_s if own else self.result.require().cost.total
+            speed = " at full speed" if own and own.original is not self.result.plan else ""
+            yield (f"instead of {cost_s:z.2f} s{speed}", "more", "outcome"), [*options]
 
     @property
     def message(self) -> str:
@@ -188,6 +195,9 @@ def explain(
         others.clear()
         made = result.plan
         if made is None or not (made.phases or made.transitions):
+            break
+        if result.policy is not None:
+            complete = _collect(of_policy(result, result.policy, tell), others)
             break
         orders = orders_not_planned(made)
         left = max(len(orders) - most_orders, 0)

@@ -83,7 +83,7 @@ def plan_command(
         if csv is not None and result.plan is not None:
             save_setpoints(result.plan, csv, rate_Hz)
         if plot is not None and result.plan is not None:
-            plotting.plot_plan(result.plan, plot)
+            plotting.plot_plan(result.plan, plot, result.policy)
     if result.plan is None and (csv or plot):
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)
@@ -119,7 +119,7 @@ def _print_summary(result: Result) -> None:
     if result.plan is not None:
         rows += _summary(result.plan)
     if (policy := result.policy) is not None:
-        rows += [("policy" if i == 0 else "branch", each) for i, each in enumerate(policy.words)]
+        rows += [("branch" if i else "policy", words) for i, words in enumerate(policy.sentences)]
     if (proof := result.certificate) is not None:
         size = f"{len(json.dumps(proof)) / 1e3:z.1f} kB, {len(proof['opened'])} sequences opened"
         rows.append(("certificate", f"proves {proof['bound_s']:z.2f} s anew ({size})"))
@@ -156,7 +156,7 @@ def exit_code(*results: Result) -> int:
 
 @options.command("explain")
 @click.argument("scenario", **options.SCENARIO)
-@options.scenario_options("planner", "max_phases", "risk")
+@options.scenario_options("planner", "max_phases")
 def explain_command(scenario: str, load: options.Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
@@ -173,6 +173,8 @@ def explain_command(scenario: str, load: options.Load, output: Output) -> int:
       twosra explain paper-4 --path-model arc --time-limit 5 --json
     What do the tasks of a mission share?
       twosra explain three-shapes
+    What would wider tolerances or a measured robot save, where joint bends are uncertain?
+      twosra explain paper-5 --risk mean
     """
     from twosra_mpc.analysis.explanation import explain  # no other command waits for it
 
@@ -204,12 +206,11 @@ def _explanation(found: Explanation) -> dict[str, Any]:
         "tasks": [
             {**vars(each), **attributes(each, "duration_s", "shares")} for each in found.tasks
         ],
-        "compared_s": others[0].original.cost.total if others else None,
+        "compared_s": others[0].compared_s if others else None,
         "alternatives": [
             {
                 "change": other.change,
-                "cost_s": other.plan and other.plan.cost.total,
-                **attributes(other, "difference_s", "difference", "outcome"),
+                **attributes(other, "cost_s", "difference_s", "difference", "outcome"),
                 "status": other.result and str(other.result.status),
                 "duration_s": other.plan and other.plan.duration_s,
             }

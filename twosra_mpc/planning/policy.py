@@ -3,23 +3,20 @@
 Segments that are soft together share a bend as the fibre likes, and the wheels decide one number:
 where several have to be right at its end (`relies`), it may miss, and the rest is planned again,
 with melts and freezes in series. A policy is a plan with that recourse, and its price.
-
-The least of any policy is an estimate: it is made of proved bounds of plans whose joint bends are
-equal, and a split that by chance spares a bend before it undercuts those.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.effort import Ending, OutOfEffortError, spent
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.confirmed_bound import least_confirmed_s
+from twosra_mpc.planning.confirmed_bound import Sequences, least_costs_s
 from twosra_mpc.planning.planner import Progress, searched
 from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
@@ -32,31 +29,12 @@ from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
 from twosra_mpc.robot.modes import Mode, ModeSequence, last_bent, soft_segments
 
 
-@dataclass(frozen=True)
-class Sequences:
-    """All mode sequences of a kind."""
-
-    kind: Callable[[Sequence[Mode]], bool]
-
-    def __contains__(self, modes: object) -> bool:
-        return isinstance(modes, tuple) and self.kind(modes)
-
-
 def relies(modes: Sequence[Mode]) -> bool:
     """True if several segments have to be right at the end of the same joint bend."""
     return any(len(last_bent(modes[k:])) > 1 for k in range(len(modes)))
 
 
-def at_once(modes: Sequence[Mode]) -> bool:
-    """True if that is after a single melt of each: whoever misses must melt or freeze once more."""
-    return any(
-        len(last := last_bent(modes[k:])) > 1
-        and all(sorted(own) == own for own in ([m[j] for m in modes[: k + 1]] for j in last))
-        for k in range(len(modes))
-    )
-
-
-RELYING, AT_ONCE = Sequences(relies), Sequences(at_once)
+RELYING = Sequences(relies)
 
 
 def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -82,23 +60,21 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
     if not np.isfinite(policy.mean_s):
         words = f"{made}; no plan of the rest is found where a joint bend misses"
         return replace(first, words=words, stats=stats)
-    words = f"{made}; {policy.words[0]}"
+    words = f"{made}; {policy.words}"
     return replace(first, plan=made, status=made.status, words=words, policy=policy, stats=stats)
 
 
 def _best(plan: Plan) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
-    problem, least_s = plan.problem, _bound_s(plan)
+    problem, made = plan.problem, plan
     bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
-    policy = _policy(plan, bends, least_s)
-    if not policy.branches or (other := _relying_on_none(problem)) is None:
-        return plan, policy
-    chance, later_s = _chance(problem, bends), max(least_s, _bound_s(other, AT_ONCE))
-    least_any_s = priced([(chance, least_s), (1 - chance, later_s)], problem.risk)
-    surer = _policy(other, bends, least_any_s)
-    if surer.cost_s < policy.cost_s:
-        return replace(other, lower_bound=plan.lower_bound), surer
-    return plan, policy._replace(least_s=least_any_s)
+    policy = _policy(plan, bends)
+    if policy.branches and (other := _relying_on_none(problem)) is not None:
+        surer = _policy(other, bends)
+        if surer.cost_s < policy.cost_s:
+            made, policy = replace(other, lower_bound=plan.lower_bound), surer
+    least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
+    return made, policy._replace(lower_bound=least_s, known_bound=known_s)
 
 
 def _relying_on_none(problem: Problem) -> Plan | None:
@@ -121,35 +97,48 @@ def _known_s(plan: Plan) -> float:
     return plan.duration_s if plan.confirmed_s is None else plan.confirmed_s
 
 
-def _bound_s(plan: Plan, excluded: Container[ModeSequence] = ()) -> float:
-    """Lower bound on that of every plan, or of those that are not excluded."""
-    if (known := least_confirmed_s(plan, excluded)) is not None:
-        return known
-    return 0.0 if excluded or plan.lower_bound is None else plan.lower_bound
-
-
-def _policy(plan: Plan, bends: Sequence[JointBend], least_s: float) -> Policy:
+def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
     """The plan with what is done wherever a joint bend misses."""
-    share, found = 1 / len(bends), list[Branch]()
+    share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
+    costs, found = list[tuple[float, float]](), dict[tuple[int, ModeSequence], list[_Missed]]()
     for bend in bends:
+        cost_s = planned_s
         if (missed := miss(plan, bend)) is not None:
             phase, kappa, off = missed
             rest = _rest(plan, phase, kappa)
-            after_s = np.inf if rest is None else _known_s(rest)
+            cost_s = plan.known_end_s(phase) + (np.inf if rest is None else _known_s(rest))
             modes = () if rest is None else rest.sequence
-            cost_s = plan.known_end_s(phase) + after_s
-            found.append(Branch(share, phase + 1, off, modes, cost_s))
-    found.sort(key=lambda each: (each.phase, each.sequence))
+            found.setdefault((phase + 1, modes), []).append(_Missed(bend, off, cost_s))
+        costs.append((share, cost_s))
     branches = []
-    for (phase, modes), group in itertools.groupby(found, key=lambda each: (each[1], each[3])):
-        same = list(group)
-        mean_s = float(np.mean([each.cost_s for each in same]))
-        least = min(each.off_per_m for each in same)
-        branches.append(Branch(share * len(same), phase, least, modes, mean_s))
-    risk, planned_s = plan.problem.risk, _known_s(plan)
-    went_well = 1 - share * len(found)
-    costs = [(went_well, planned_s), *((share, each.cost_s) for each in found)]
-    return Policy(risk, priced(costs, risk), least_s, planned_s, tuple(branches))
+    for (phase, modes), same in sorted(found.items()):
+        own = [each.bend for each in same]
+        when = _how(own, [bend for bend in bends if bend not in own])
+        off, mean_s = min(each.off_per_m for each in same), np.mean([each.cost_s for each in same])
+        branches.append(Branch(share * len(same), phase, when, off, modes, float(mean_s)))
+    return Policy(risk, priced(costs, risk), planned_s, tuple(branches))
+
+
+class _Missed(NamedTuple):
+    """A joint bend that misses: how far it is off [1/m], and what all costs then [s]."""
+
+    bend: JointBend
+    off_per_m: float
+    cost_s: float
+
+
+def _how(own: Sequence[JointBend], others: Sequence[JointBend]) -> str:
+    """What tells joint bends from others, in words."""
+    split = max((abs(bend.split) for bend in others), default=0.0)
+    relaxation = max((bend.relaxation for bend in others), default=0.0)
+    more = [abs(bend.split) > split for bend in own]
+    evener = [bend.relaxation > relaxation for bend in own]
+    if not all(map(max, more, evener)):
+        listed = dict.fromkeys(f"{100 * bend.split:+z.0f} %" for bend in own)
+        return f"splits by {' or '.join(listed)}"
+    even = f"evens out by more than {100 * relaxation:z.0f} %" if relaxation else "evens out"
+    words = [f"splits by more than {100 * split:z.0f} %"] * any(more) + [even] * any(evener)
+    return " or ".join(words)
 
 
 def miss(plan: Plan, bend: JointBend) -> tuple[int, Array, float] | None:
@@ -197,48 +186,3 @@ def _rest(plan: Plan, phase: int, kappa: Array) -> Plan | None:
         return _relying_on_none(left.with_values(start=start))
     except InputError:  # it would be where it must not
         return None
-
-
-def _chance(problem: Problem, bends: Sequence[JointBend]) -> float:
-    """Largest probability with which a joint bend may be right after single melts, of any plan.
-
-    Before it only one segment is bent, to a shape that is chosen without knowing how the joint
-    bend goes: so the best any plan can do is the shape that suits the most of them.
-    """
-    if problem.robot.geometry.segments != 2:
-        return 1.0
-    facts, most = bending(problem.robot), problem.robot.limits.curvature_per_m
-    accuracy = problem.robot.ends_within.scale(problem.robot.coordinates)
-    box = problem.judged_goal.box(problem.start.configuration)
-    ends = np.array([box[0] - accuracy, box[1] + accuracy])[:, POSE:]
-    low, high = facts.coordinates(np.clip(ends, -most, most))
-    here, best = facts.coordinates(problem.start.kappa_per_m), 0
-    for first in (0, 1):
-        spans = np.array([_suits(here, low, high, first, bend) for bend in bends])
-        inside = (spans[:, :1] <= spans[:, 0]) & (spans[:, 0] <= spans[:, 1:])
-        best = max(best, int(inside.sum(axis=0).max()))
-    return best / len(bends)
-
-
-def _suits(
-    here: Array, low: Array, high: Array, first: int, bend: JointBend
-) -> tuple[float, float]:
-    """Interval of W of the segment bent first from which a joint bend ends in the box of W.
-
-    With shares e = (1 + split, 1 - split) the bend keeps e2 W1 - e1 W2, whatever it is.
-    """
-    shares = np.array([1 - bend.split, -1 - bend.split])  # of W1 and W2 in what is kept
-    least = shares @ [low[0], high[1]]
-    largest = shares @ [high[0], low[1]]
-
-    def kept(own: float) -> float:
-        begin = here.copy()
-        begin[first] = own
-        begin += bend.relaxation * (begin.mean() - begin)
-        return float(shares @ begin)
-
-    at_zero, slope = kept(0.0), kept(1.0) - kept(0.0)
-    if abs(slope) < 1e-9:
-        return (-np.inf, np.inf) if least <= at_zero <= largest else (np.inf, -np.inf)
-    ends = sorted(((least - at_zero) / slope, (largest - at_zero) / slope))
-    return ends[0], ends[1]

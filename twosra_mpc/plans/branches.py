@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from twosra_mpc.problem.problem import Risk
@@ -29,6 +29,7 @@ class Branch(NamedTuple):
     Attributes:
         probability: Of it.
         phase: The bend, counted from 1.
+        when: How it goes then, e.g. "splits by more than 5 %".
         off_per_m: How far off the goal a curvature is then, at least.
         sequence: Modes in which the rest is done.
         cost_s: Expected cost of all, from the start.
@@ -36,21 +37,27 @@ class Branch(NamedTuple):
 
     probability: float
     phase: int
+    when: str
     off_per_m: float
     sequence: ModeSequence
     cost_s: float
 
     @property
-    def words(self) -> str:
-        """E.g. "phase 3 ends 1.9 1/m off or more: freeze segment 2, then correct segment 1"."""
-        missed = f"phase {self.phase} ends {self.off_per_m:z.1f} 1/m off or more"
+    def condition(self) -> str:
+        """When it follows, with its probability."""
+        bend = f"if the joint bend of phase {self.phase} {self.when}"
+        return f"{bend} (probability {self.probability:z.2g})"
+
+    @property
+    def action(self) -> str:
+        """What is done then, e.g. "segment 2 freezes and segment 1 is corrected"."""
         soft = [mode for mode in self.sequence if any(mode)]
         if not soft:
-            return f"{missed}: bend no more"
+            return "it is left as it is"
         count, last = len(soft[-1]), soft_segments(soft[-1])
-        frozen = [j + 1 for j in range(count) if j not in last]
+        frozen = named("segment", [j + 1 for j in range(count) if j not in last], count)
         corrected = named("segment", [j + 1 for j in last], count)
-        return f"{missed}: freeze {named('segment', frozen, count)}, then correct {corrected}"
+        return f"{frozen} freezes and {corrected} is corrected"
 
 
 class Policy(NamedTuple):
@@ -61,16 +68,18 @@ class Policy(NamedTuple):
     Attributes:
         risk: What of the cost counts: "mean", or a quantile.
         cost_s: That mean or quantile.
-        least_s: Estimate of the least that any policy has; not proved, see ``planning.policy``.
         planned_s: Cost where everything goes as planned.
         branches: What may follow instead.
+        lower_bound: Proved lower bound on the cost of every policy [s].
+        known_bound: The same where how joint bends go is known before [s].
     """
 
     risk: Risk
     cost_s: float
-    least_s: float
     planned_s: float
     branches: tuple[Branch, ...] = ()
+    lower_bound: float = 0.0
+    known_bound: float = 0.0
 
     @property
     def going_as_planned(self) -> float:
@@ -84,16 +93,35 @@ class Policy(NamedTuple):
         return own + sum(each.probability * each.cost_s for each in self.branches)
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """What is expected, and what follows in each branch, in words."""
-        what = "expected" if self.risk == "mean" else f"{self.risk:zg} quantile"
-        least = f"the least of any policy estimated at {self.least_s:z.1f} s"
-        first = f"{what} {self.cost_s:z.1f} s as confirmed, {least}"
-        return first, *(self._words(each) for each in self.branches)
+    def gap(self) -> float:
+        """Proved relative gap to the best policy."""
+        return 1 - self.lower_bound / self.cost_s
 
-    def _words(self, branch: Branch) -> str:
-        more_s = branch.cost_s - self.planned_s
-        return f"if {branch.words}; {more_s:+z.0f} s, probability {branch.probability:z.2g}"
+    @property
+    def what(self) -> str:
+        """What of the cost counts, in words."""
+        return "expected" if isinstance(self.risk, str) else f"{self.risk:zg} quantile"
+
+    @property
+    def words(self) -> str:
+        """What is expected, how far from the best that can be, and what not knowing costs."""
+        proved = f"proved: no policy below {self.lower_bound:z.1f} s ({100 * self.gap:z.1f} % less)"
+        unknown = f"not knowing costs {self.cost_s - self.known_bound:z.0f} s at most"
+        return f"{self.what} {self.cost_s:z.1f} s as confirmed; {proved}; {unknown}"
+
+    @property
+    def outcomes(self) -> Iterator[tuple[str, str, float]]:
+        """What may come, what is done then, and the expected cost of all [s]."""
+        yield f"as planned (probability {self.going_as_planned:z.2g})", "", self.planned_s
+        for each in self.branches:
+            yield each.condition, each.action, each.cost_s
+
+    @property
+    def sentences(self) -> Iterator[str]:
+        """The same in words, with what each takes longer."""
+        for when, done, cost_s in self.outcomes:
+            takes = f"{cost_s - self.planned_s:+z.0f} s" if done else f"{cost_s:z.0f} s"
+            yield f"{', '.join(filter(None, (when, done)))}: {takes}"
 
     def to_dict(self) -> dict[str, Any]:
         """The policy as plain data."""

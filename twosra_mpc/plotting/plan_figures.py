@@ -16,39 +16,64 @@ from matplotlib.figure import Figure, SubFigure
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.branches import Policy
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, planned_words, quality
 from twosra_mpc.plans.trajectory import Phase, Samples, Stretch, stretches
 from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
-from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR, short
+from twosra_mpc.plotting.figures import CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, short
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
 WIDTH_IN = 10.0  # of figures
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
+BRANCH_IN = 0.4  # for each outcome of a policy
 ROOM = 0.12  # around what panels show, for names, in its size
 CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
 
 
 @public
-def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
+def plot_plan(plan: Plan, path: str | Path | None = None, policy: Policy | None = None) -> Figure:
     """Draw a plan: start, goal and every phase in the plane; stiffness and motion over time.
 
     Args:
         plan: The plan.
         path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+        policy: What is done where joint bends miss, if that is to be seen as well.
 
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
     lanes_in = LANE_IN * plan.robot.geometry.segments + (STAGES_IN if plan.trajectory.done_s else 0)
-    with figures.styled_figure((WIDTH_IN, HEIGHT_IN + lanes_in), path) as figure:
+    policy_in = BRANCH_IN * (2 + len(policy.branches)) if policy is not None else 0.0
+    with figures.styled_figure((WIDTH_IN, HEIGHT_IN + lanes_in + policy_in), path) as figure:
         figure.suptitle(plan_title(plan), wrap=True)
-        rows = figure.add_gridspec(2, 1, height_ratios=(4.5, 4.5 + lanes_in))
+        heights = (4.5, 4.5 + lanes_in, policy_in)[: 2 if policy is None else 3]
+        rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
         _draw_plane(figure.add_subfigure(rows[0]), plan)
         _draw_over_time(figure.add_subfigure(rows[1]), plan)
+        if policy is not None:
+            _draw_policy(figure.add_subfigure(rows[2]).subplots(), plan, policy)
     return figure
+
+
+def _draw_policy(ax: Axes, plan: Plan, policy: Policy) -> None:
+    """Draw how long each outcome takes, as far as it goes as planned and from then on."""
+    known_s = [plan.known_end_s(each.phase - 1) for each in policy.branches]
+    outcomes = zip(policy.outcomes, policy.sentences, [policy.planned_s, *known_s], strict=True)
+    for row, ((*_, cost_s), words, known) in enumerate(outcomes):
+        ax.barh(row, known, 0.3, color=RIGID_COLOUR)
+        ax.barh(row, cost_s - known, 0.3, known, color=CHANGING_COLOUR)
+        above: dict[str, Any] = {"va": "bottom", "fontsize": 7, "bbox": figures.BEHIND_WORDS}
+        ax.text(0.0, row - 0.22, words, **above)
+    for words, at_s, dashes in (
+        (policy.what, policy.cost_s, "-"),
+        ("no policy below", policy.lower_bound, "--"),
+    ):
+        ax.axvline(at_s, color="0.2", ls=dashes, lw=1.2, label=f"{words} {at_s:z.0f} s")
+    ax.set(ylim=(len(known_s) + 0.4, -0.8), yticks=(), xlabel="time until all is confirmed [s]")
+    ax.legend(**figures.BESIDE)
 
 
 @public

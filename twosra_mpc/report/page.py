@@ -101,7 +101,7 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
         hidden=hidden_activities(plan) if plan else (),
         tasks=task_costs(plan) if plan else (),
         motion=player.motion_of(plan) if plan else None,
-        figure=picture_address(plot_plan(plan), "svg") if plan else "",
+        figure=picture_address(plot_plan(plan, policy=result.policy), "svg") if plan else "",
         origin=origin,
         scenario=scenario_toml(result.problem),
         commands=commands(origin),
