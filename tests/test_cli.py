@@ -353,16 +353,6 @@ def test_a_time_limit_returns_the_best_plan_so_far(
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)
 
 
-def test_an_interrupt_before_the_first_plan_has_none(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sequence_solver, "scheduled", Mock(side_effect=KeyboardInterrupt))
-    code, out, err = run("plan", "paper-1", "--out", "a.json")
-    assert (code, err) == (4, "")
-    assert "no plan found (interrupted): run again to continue the search" in out
-    assert load_plan(tmp_path / "a.json").status == "failed"
-
-
 def test_an_interrupt_outside_the_search_has_no_plan(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

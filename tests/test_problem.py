@@ -35,6 +35,7 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
+from twosra_mpc.lab.serial.stream import StreamError
 from twosra_mpc.robot.modes import MODES
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 
@@ -372,6 +373,7 @@ def test_all_values_out_of_range_are_reported_at_once() -> None:
         InputError("gap", 2.0, "less than 1", "s.toml", (InputError("goal", {}, "more"),)),
         NoPlanError("infeasible", "proved"),
         ContradictionError(298.0, 299.5),
+        StreamError(3.0, "in phase 1", "why"),
     ],
 )
 def test_errors_survive_pickling(error: TwosraError) -> None:
