@@ -149,25 +149,7 @@ def test_every_key_is_described_with_its_unit(subject: Subject) -> None:
             assert schema["description"].endswith("]"), name
 
 
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("x_m", "m"),
-        ("time_limit_s", "s"),
-        ("kappa_per_m", "1/m"),
-        ("wheel_speed_rad_s", "rad/s"),
-        ("unit_speed_m_s", "m/s"),
-        ("resistivity_ohm_m", "ohm m"),
-        ("energy_s_per_J", "s/J"),
-        ("latent_heat_J_per_kg", "J/kg"),
-        ("heat_solid_J_per_kg_K", "J/(kg K)"),
-        ("convection_W_per_m2_K", "W/(m2 K)"),
-        ("core_heat_J_per_K", "J/K"),
-        ("power_K_per_s", "K/s"),
-        ("t_s", "s"),
-        ("melting_point_C", "degrees C"),
-    ],
-)
+@pytest.mark.parametrize(("key", "unit"), cases("schema")["units"])
 def test_the_unit_is_that_of_the_name(key: str, unit: str) -> None:
     assert describe(key).endswith(f" [{unit}]")
 
