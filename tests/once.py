@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from problems import exactly
@@ -13,6 +15,13 @@ if TYPE_CHECKING:
     from twosra_mpc.execution.simulation.simulate import Simulation
 
 solution = cache(plan)
+
+
+@cache
+def cases(name: str) -> dict[str, list[Any]]:
+    """Tables of ``cases/NAME.toml``."""
+    path = Path(__file__).parent / "cases" / f"{name}.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def solved(scenario: str = "paper-1", exact: bool = False, **overrides: Any) -> Result:

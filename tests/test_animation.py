@@ -226,19 +226,6 @@ def test_an_mp4_without_ffmpeg_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_p
         check_animation_path("run.mp4")
 
 
-def test_an_interrupted_animation_leaves_the_old_file(tmp_path: Path) -> None:
-    def interrupt(done: int, _: int) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
-    target = tmp_path / "plan.gif"
-    target.write_text("old")
-    with pytest.raises(KeyboardInterrupt):
-        animate_plan(planned("rigid-move"), target, duration_s=1.0, on_progress=interrupt)
-    assert target.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
 # --- program
 
 

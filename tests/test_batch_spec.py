@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from once import cases
 
 from benchmarks.problems import load_set
 from twosra_mpc import InputError, Problem, load_problem, load_robot
@@ -131,31 +132,11 @@ def test_unquoted_keys_are_the_same_as_quoted_ones(tmp_path: Path) -> None:
     assert load_spec(bare, planner="both").planner == "both"
 
 
+NO_SCENARIO = {"scenario": None}, "scenario", "one of the keys"
+
+
 @pytest.mark.parametrize(
-    ("changed", "field", "allowed"),
-    [
-        ({"gird": {}}, "gird", "did you mean grid"),
-        ({"scenario": None}, "scenario", "one of the keys"),
-        ({"scenarios": ["paper-2"]}, "scenario", "one of the keys"),
-        ({"scenario": "paper-11"}, "scenario", "did you mean paper-1"),
-        ({"grid": {"goal.x_m": []}}, "grid.goal.x_m", "a list of values"),
-        ({"grid": {"goal.x_m": 0.1}}, "grid.goal.x_m", "a list of values"),
-        ({"grid": {"goal.x_m": [0.1, "free"]}}, "grid.goal.x_m", "all numbers"),
-        ({"grid": {"goal.x_m": [0.1, np.nan]}}, "grid.goal.x_m.1", "finite"),
-        ({"grid": {"goal.x_m": [0.1, 0.1]}}, "grid.goal.x_m", "once"),
-        ({"grid": {"goal.x_m": {"from": 1.0, "to": 1.0, "steps": 2}}}, "grid.goal.x_m.to", "more"),
-        ({"grid": {"goal.x_m": {"from": 0.0, "to": 1.0, "steps": 1}}}, "grid.goal.x_m.steps", "2"),
-        ({"grid": {"goal.x_m": {"form": 0.0, "to": 1.0, "steps": 3}}}, "grid.goal.x_m.from", "key"),
-        ({"grid": {"goal.xm": [0.1]}}, "goal.xm", "did you mean x_m"),
-        ({"grid": {"robot.heater.current": [0.1]}}, "robot.heater.current", "known keys"),
-        ({"grid": {"robot": ["2sra-v7"]}}, "robot", "did you mean"),
-        ({"grid": {"goal.kappa_per_m.2": [1.0]}}, "goal.kappa_per_m.2", "entry of a list"),
-        ({"grid": {"planner": ["greedy"]}}, "grid.planner", "by itself"),
-        ({"grid": {"gap": [0.1]}}, "grid.gap", "can be fixed"),
-        ({"grid": {"goal.x_m": [0.1]}, "fixed": {"goal.x_m": 0.2}}, "grid.goal.x_m", "either"),
-        ({"fixed": {"goal.x_m": "left"}}, "goal.x_m", "number"),
-        ({"planner": "fastest"}, "planner", "'optimal', 'greedy' or 'both'"),
-    ],
+    ("changed", "field", "allowed"), [*cases("batch_spec")["wrong"], NO_SCENARIO]
 )
 def test_what_is_wrong_with_a_spec_is_named(
     changed: dict[str, Any], field: str, allowed: str

@@ -217,31 +217,6 @@ def assert_bad_input(outcome: Outcome, *words: str) -> None:
         assert word in outcome.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["plan", "rigid-move", "--gap", "nan"], ["gap = nan", "finite"]),
-        (["plan", "rigid-move", "--rate", "0"], ["rate = 0.0", "more than 0 and at most 1000 Hz"]),
-        (["plan", "rigid-move", "--rate", "nan"], ["rate = nan", "at most 1000 Hz"]),
-        (["plan", "rigid-move", "--rate", "inf"], ["rate = inf", "at most 1000 Hz"]),
-        (
-            ["plan", "rigid-move", "--csv", "a.csv", "--out", "a.json", "--rate", "1e9"],
-            ["rate", "at most 1000 Hz"],
-        ),
-        (
-            ["plan", "rigid-move", "--plot", "a.xyz"],
-            ["output = 'a.xyz'", "a file ending in", ".svg"],
-        ),
-        (["plan"], ["SCENARIO"]),
-    ],
-)
-def test_bad_input_is_named_before_planning(
-    run: Run, arguments: list[str], words: list[str], no_planning: None, tmp_path: Path
-) -> None:
-    assert_bad_input(run(*arguments), *words)
-    assert not list(tmp_path.iterdir())
-
-
 def test_no_command_shows_the_help_and_is_an_error(run: Run) -> None:
     assert_bad_input(run(), "Usage: twosra", "scenarios")
 
@@ -351,16 +326,6 @@ def test_a_time_limit_returns_the_best_plan_so_far(
     monkeypatch.setattr(sequence_solver, "solve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)
-
-
-def test_an_interrupt_before_the_first_plan_has_none(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sequence_solver, "scheduled", Mock(side_effect=KeyboardInterrupt))
-    code, out, err = run("plan", "paper-1", "--out", "a.json")
-    assert (code, err) == (4, "")
-    assert "no plan found (interrupted): run again to continue the search" in out
-    assert load_plan(tmp_path / "a.json").status == "failed"
 
 
 def test_an_interrupt_outside_the_search_has_no_plan(

@@ -406,11 +406,6 @@ def test_the_figure_shows_the_fit_and_is_written(fitted: ThermalFit, tmp_path: P
     assert len([patch for patch in off.patches if patch.get_width() > 25.0]) == 2  # the two holds
 
 
-def test_a_figure_of_an_unknown_ending_is_refused(fitted: ThermalFit, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="ending in"):
-        plot_thermal_fit(fitted, tmp_path / "fit.docx")
-
-
 def test_the_command_prints_and_writes_what_the_function_finds(
     run: Run, path: Path, fitted: ThermalFit, tmp_path: Path
 ) -> None:

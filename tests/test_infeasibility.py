@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from once import solved
+from once import cases, solved
 from problems import goal_tree
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
@@ -38,91 +38,15 @@ def problem(
 
 # --- proved infeasible ---------------------------------------------------------------------------
 
-SHAPE = "(kappa1 from 0 to 10 1/m, kappa2 from 0 to -20 1/m)"
-ALONE = f"proved infeasible: mode [1,1] alone bends both segments together and cannot reach this \
-shape {SHAPE}: it keeps W1 - W2 (W: travel that bends a segment from straight), which must change \
-by +0.0708 m; segment 1 or 2 must also be bent alone; allowed modes are [0,0], [1,1]: \
-add [0,1] or [1,0]"
-ONE_HEATER = "mode [1,1] needs both heaters at once, but heaters_at_once is 1"
-
-PROVED: list[tuple[str, Problem, str]] = [
-    ("[1,1] alone", problem((0, 0), (10, -20), modes=[RIGID, SOFT_BOTH]), ALONE),
-    (
-        "[1,1] alone, exact arcs",
-        problem((0, 0), (10, -2), robot=ARC, modes=[RIGID, SOFT_BOTH]),
-        "it keeps kappa1 - kappa2, which must change by +12 1/m; segment 1 or 2 must also be bent",
-    ),
-    (
-        "[1,1] alone, exact arcs, the other way, with a tolerance",
-        problem(
-            (5, 5),
-            (10, 22),
-            robot=ARC,
-            modes=[SOFT_BOTH],
-            goal_tolerance={"kappa_per_m": (0.5, 1.5)},
-        ),
-        "(kappa1 from 5 to 10 (+- 0.5) 1/m, kappa2 from 5 to 22 (+- 1.5) 1/m): it keeps "
-        "kappa1 - kappa2, which must change by -10 1/m",
-    ),
-    (
-        "no soft mode",
-        problem((0, 0), (10, -20), modes=[RIGID]),
-        f"proved infeasible: segment 1 must bend {SHAPE} but is rigid in [0,0]; allowed modes are "
-        "[0,0]: add [0,1] with [1,0] or [0,1] with [1,1] or [1,0] with [1,1]",
-    ),
-    (
-        "segment 2 stays rigid",
-        problem((0, 0), (10, -20), modes=[RIGID, SOFT_1]),
-        f"proved infeasible: segment 2 must bend {SHAPE} but is rigid in [0,0] and [1,0]; allowed "
-        "modes are [0,0], [1,0]: add [0,1] or [1,1]",
-    ),
-    (
-        "segment 1 stays rigid, kappa2 free",
-        problem((0, 0), (10, "free"), modes=[RIGID, SOFT_2]),
-        "segment 1 must bend (kappa1 from 0 to 10 1/m, kappa2 free) but is rigid in [0,0] and "
-        "[0,1]; allowed modes are [0,0], [0,1]: add [1,0] or [1,1]",
-    ),
-    (
-        "[1,1] alone, one heater",
-        problem((0, 0), (10, 10), modes=[RIGID, SOFT_BOTH], heaters_at_once=1),
-        "segment 1 must bend (kappa1 from 0 to 10 1/m, kappa2 from 0 to 10 1/m) but is rigid in "
-        f"[0,0]; {ONE_HEATER}; allowed modes are [0,0], [1,1]: add [0,1] with [1,0], or set "
-        "heaters_at_once to 2",
-    ),
-    (
-        "[1,0] and [1,1], one heater, the authors' waits",
-        problem(
-            (0, 0), (10, 20), modes=[RIGID, SOFT_1, SOFT_BOTH], heaters_at_once=1, timing="paper"
-        ),
-        f"is rigid in [0,0] and [1,0]; {ONE_HEATER}; allowed modes are [0,0], [1,0], [1,1]: add "
-        "[0,1], or set heaters_at_once to 2",
-    ),
-    (
-        "[1,1] alone, one heater, and two would not help",
-        problem((0, 0), (10, -20), modes=[RIGID, SOFT_BOTH], heaters_at_once=1),
-        f"is rigid in [0,0]; {ONE_HEATER}; allowed modes are [0,0], [1,1]: add [0,1] with [1,0]",
-    ),
-    (
-        "both soft at the end, one heater",
-        problem((0, 0), (10, 10), goal_mode=SOFT_BOTH, heaters_at_once=1),
-        f"proved infeasible: goal.mode asks for [1,1] at the end: {ONE_HEATER}; set "
-        "heaters_at_once to 2 or ask for another goal.mode",
-    ),
-    (
-        "wheels and fibre in each other's way",
-        problem((-30, 29.75), (57.3, 29.75), modes=[SOFT_1]),
-        "proved infeasible: in [1,0], mode [1,0] would have to pass shapes whose wheel 2 overlaps "
-        "unit 2 by 1.0 mm (kappa1 from -30 to 57.3 1/m, kappa2 from 29.75 to 29.75 1/m); allowed "
-        "modes are [1,0]: add another mode",
-    ),
-]
+PROVED = cases("infeasibility")["proved"]
 
 
-@pytest.mark.parametrize(("case", "words"), [one[1:] for one in PROVED], ids=[p[0] for p in PROVED])
-def test_what_is_proved_infeasible_says_why_and_what_to_change(case: Problem, words: str) -> None:
-    result = plan(case)
+@pytest.mark.parametrize("given", PROVED, ids=[given["case"] for given in PROVED])
+def test_what_is_proved_infeasible_says_why_and_what_to_change(given: dict[str, Any]) -> None:
+    robot = ARC if "path_model" in given else ROBOT
+    result = plan(problem(given["start"], given["goal"], robot=robot, **given["asked"]))
     assert result.status is Status.INFEASIBLE
-    assert words in result.message
+    assert given["words"] in result.message
     assert (result.plan, result.lower_bound, result.stopped_early) == (None, None, False)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import pytest
 from forks import Forks
-from once import solved
+from once import cases, solved
 from test_occupancy_map import write_map
 from test_replay import TRIAL, TRIAL_1
 
@@ -24,38 +24,7 @@ from twosra_mpc.native_output import discarded_native_output
 
 TWOSRA = [sys.executable, "-m", "twosra_mpc"]
 
-# Every command that has --json: what it may be given, and the exit code that this comes to.
-QUICK: dict[str, tuple[str, int]] = {
-    "plan": ("shape-change", 0),
-    "explain": ("shape-change", 0),
-    "compare": ("shape-change", 0),
-    "studio": ("paper-1 --port 99999", 2),  # it serves for ever
-    "map": ("rigid-move --over x,phi --size 2", 0),
-    "batch": ("plan.json --out runs", 2),  # what its workers print: test_batch
-    "atlas": ("no-runs", 2),
-    "verify": ("plan.json", 0),
-    "resample": ("plan.json out.csv --rate 1", 0),
-    "export": ("plan.json out.csv", 0),
-    "report": ("plan.json out.html", 0),
-    "animate": ("plan.json out.gif --seconds 1", 0),
-    "figures": ("plan.json", 2),  # a file; the figures themselves take a minute
-    "reproduce": ("--out plan.json", 2),  # likewise
-    "stream": ("plan.json --dry-run", 0),
-    "jog": ("--robot 2sra-v1 --forward 0.01 --for 2 --cold --dry-run", 0),
-    "simulate": ("rigid-move --seed 1", 0),
-    "replay": ("exp1.csv --robot 2sra-v1", 0),
-    "scenarios": ("", 0),
-    "robots": ("", 0),
-    "new": ("scenario mine", 0),
-    "check-robot": ("2sra-v1", 0),
-    "fit-paths": ("2sra-v1-paper", 0),
-    "fit-thermal": ("heating.csv --robot 2sr-v2 --score", 0),
-    "learn": ("plan.json", 2),  # a run takes longer
-    "estimate-curvature": ("shots --scale .005 --length .04 --towards 39,35", 0),
-    "import-map": ("map.yaml", 0),
-    "schema": ("scenario", 0),
-    "doctor": ("", 0),
-}
+QUICK = cases("native_output")["quick"]
 QUIET = ("plan", "schema")
 
 

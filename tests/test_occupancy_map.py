@@ -12,6 +12,7 @@ import pytest
 import shapely
 from conftest import Run
 from numpy.typing import NDArray
+from once import cases
 from PIL import Image
 
 from twosra_mpc import InputError, InputWarning, read_obstacles
@@ -145,30 +146,7 @@ def test_maps_of_every_mode_say_what_ros_says(seed: int, tmp_path: Path) -> None
         np.testing.assert_array_equal(found.unknown[::-1], ~(occupied | free))
 
 
-WRONG = [
-    ("resolution: 0.01", "resolution: 0", "resolution = 0", "greater than 0"),
-    ("resolution: 0.01", "resolution: fine", "resolution = 'fine'", "a number"),
-    ("resolution: 0.01\n", "", "resolution is missing", "required"),
-    (", 0.0]", "]", "origin", "required"),
-    ("map.png", "none.png", "image = ", "a file that exists"),
-    ("map.png", "maps/map.png", "image = ", "did you mean map.png, beside it? allowed"),
-    ("map.png", "map.yaml", "image = ", "an image file"),
-    ("map.png", "deep.png", "image = ", "8 bits a channel"),
-    ("negate: 0", "negate: 2", "negate = 2", "0 or 1"),
-    ("0.65", "0.1", "occupied_thresh = 0.1", "from free_thresh = 0.196 to 1"),
-    ("negate: 0", "mode: rawer", "mode = 'rawer'", "'trinary', 'scale' or 'raw'"),
-    ("negate: 0", "negate: 1\nmode: raw", "negate = 1", "0 where mode is raw"),
-    ("negate", "negative", "negative", "did you mean negate?"),
-    ("negate: 0", "origin: [0, 0, 0]", "keys = 'origin twice'", "each key once"),
-    ("negate: 0", "a: {b: c", "line 6", "valid YAML"),
-    ("negate: 0", "negate 0", "line 6", "valid YAML"),
-    ("negate: 0", "  negate: 0", "line 5", "valid YAML"),
-    ("0.01", "1:30", "resolution = '1:30'", "a number"),
-    ("0.01", "!m 0.01", "line", "valid YAML, without tags"),
-]
-
-
-@pytest.mark.parametrize(("before", "after", "field", "words"), WRONG)
+@pytest.mark.parametrize(("before", "after", "field", "words"), cases("occupancy_map")["wrong"])
 def test_what_is_no_map_is_refused(
     before: str, after: str, field: str, words: str, tmp_path: Path
 ) -> None:

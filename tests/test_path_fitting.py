@@ -375,10 +375,3 @@ def test_soft_segments_are_red_and_rigid_ones_blue() -> None:
         red, _, blue = np.array([to_rgb(line.get_color()) for line in arcs]).T
         assert np.sum(red > blue) == POSES * sum(mode)
         assert np.sum(red < blue) == POSES * (2 - sum(mode))
-
-
-@pytest.mark.parametrize("name", ["paths.docx", "paths", "missing/paths.png"])
-def test_a_figure_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="output"):
-        plot_paths(ROBOT, tmp_path / name)
-    assert not list(tmp_path.iterdir())

@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from once import cases
 
 from twosra_mpc import (
     ContradictionError,
@@ -34,6 +35,7 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
+from twosra_mpc.lab.serial.stream import StreamError
 from twosra_mpc.robot.modes import MODES
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 
@@ -48,7 +50,6 @@ SCENARIO: Document = {
 ROBOT: Document = tomllib.loads(
     files("twosra_mpc").joinpath("robots", "2sra-v1-paper.toml").read_text(encoding="utf-8")
 )
-ARC = {"model": "arc", "speed_reference": "fibre_end"}
 OVERLAPPED = {"overlap": "full", "melt_s": 60.0, "melt_changing_s": 30.0}
 OVERLAPPED |= {"freeze_s": 200.0, "freeze_changing_s": 150.0, "superheat_s": 3.0}
 WHEELS = [
@@ -140,146 +141,12 @@ def assert_refused(
     assert str(error) == f"{where}{said}"
 
 
-# Key to set, value, field of the error, pattern of what is allowed.
-REQUIRED = "required"
-SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
-    # unknown keys
-    ("gaol", 1.0, "gaol", "did you mean goal.*known keys here are description, robot, planner"),
-    ("zzz", 1.0, "zzz", "^known keys here are .*time_limit_s"),
-    ("start.x", 1.0, "start.x", "known keys here are x_m, y_m, phi_rad, kappa_per_m"),
-    ("start.phi_deg", 1.0, "start.phi_deg", "did you mean phi_rad"),
-    ("goal.temperature_C", [25.0, 25.0], "goal.temperature_C", "known keys.*tolerance"),
-    ("goal.tolerance.z_m", 0.1, "goal.tolerance.z_m", "did you mean [xy]_m"),
-    ("weights.energy", 1.0, "weights.energy", "did you mean energy_s_per_J"),
-    # wrong types
-    ("start", 3, "start", r"^a table of keys \(where the robot is, and its shape"),
-    (
-        "goal",
-        [1, 2],
-        "goal",
-        r"^a table of keys \(where the robot should be; a coordinate left out is free",
-    ),
-    ("weights", 1.0, "weights", r"^a table of keys \(weights of energy, transitions and effort"),
-    ("robot", 3, "robot", "a path to its file, or its table"),
-    ("description", 3, "description", "a text"),
-    ("planner", 1, "planner", "'optimal' or 'greedy'"),
-    ("timing", 1, "timing", "a text"),
-    ("goal.phi_modulo", 1, "goal.phi_modulo", "true or false"),
-    ("goal.phi_modulo", "true", "goal.phi_modulo", "true or false"),
-    # wrong shape
-    ("start.kappa_per_m", 10.0, "start.kappa_per_m", "."),
-    ("start.kappa_per_m", [1.0, 2.0, 3.0], "start.kappa_per_m", "2"),
-    ("start.kappa_per_m", "ab", "start.kappa_per_m", "."),
-    ("goal.kappa_per_m", "free", "goal.kappa_per_m", "."),
-    ("goal.kappa_per_m", [1.0, 2.0, 3.0], "goal.kappa_per_m", "2"),
-    ("start.temperature_C", 25.0, "start.temperature_C", "."),
-    ("goal.mode", 1, "goal.mode", "."),
-    ("goal.mode", [0, 0, 0], "goal.mode", "."),
-    ("modes", "all", "modes", "."),
-    # out of range
-    ("start.kappa_per_m", [78.6, 0.0], "start.kappa_per_m.0", r"from -78\.5 to 78\.5 1/m"),
-    ("start.kappa_per_m", [0.0, -78.6], "start.kappa_per_m.1", r"from -78\.5 to 78\.5 1/m"),
-    ("goal.kappa_per_m", [-78.6, "free"], "goal.kappa_per_m.0", r"from -78\.5 to 78\.5 1/m"),
-    ("goal.kappa_per_m", ["free", 78.6], "goal.kappa_per_m.1", r"from -78\.5 to 78\.5 1/m"),
-    ("start.temperature_C", [-0.1, 25.0], "start.temperature_C.0", "from 0 to 85 C"),
-    ("start.temperature_C", [25.0, 85.1], "start.temperature_C.1", "from 0 to 85 C"),
-    ("start.temperature_C", [25.0, 61.0], "start.temperature_C.1", "with start.melt_fraction"),
-    ("goal.tolerance.y_m", -0.1, "goal.tolerance.y_m", "greater than or equal to 0"),
-    (
-        "goal.tolerance.kappa_per_m",
-        [0.0, -0.1],
-        "goal.tolerance.kappa_per_m",
-        "numbers greater than or equal to 0",
-    ),
-    ("goal.mode", [2, 0], "goal.mode.0", "less than or equal to 1"),
-    ("goal.mode", [0, -1], "goal.mode.1", "greater than or equal to 0"),
-    ("weights.energy_s_per_J", -1.0, "weights.energy_s_per_J", "greater than or equal to 0"),
-    ("gap", -0.01, "gap", "greater than or equal to 0"),
-    ("gap", 1.0, "gap", "less than 1"),
-    ("max_phases", 0, "max_phases", "greater than or equal to 1"),
-    ("max_phases", 13, "max_phases", "less than or equal to 12"),
-    ("time_limit_s", 0.0, "time_limit_s", "greater than 0"),
-    # unknown names
-    ("planner", "Optimal", "planner", "'optimal' or 'greedy'"),
-    ("timing", "papr", "timing", "one of nominal, constant, paper"),
-    ("robot", "2sra-v9", "robot", "did you mean 2sra-v1.*a file that exists, or one of .*2sra-v1"),
-    ("robot", "nowhere/robot.toml", "robot", "^a file that exists, or one of .*2sra-v1"),
-]
+CASES = cases("problem")
 SCENARIO_MISSING = [
     *("robot", "start", "goal"),
     *("start.x_m", "start.y_m", "start.phi_rad", "start.kappa_per_m"),
 ]
-TOO_SHORT = [
-    ("start.kappa_per_m", [], ["start.kappa_per_m.0", "start.kappa_per_m.1"]),
-    ("start.kappa_per_m", [1.0], ["start.kappa_per_m.1"]),
-    ("goal.kappa_per_m", [1.0], ["goal.kappa_per_m.1"]),
-    ("goal.tolerance.kappa_per_m", [1.0], ["goal.tolerance.kappa_per_m.1"]),
-    ("goal.mode", [1], ["goal.mode.1"]),
-    ("start.temperature_C", [25.0], ["start.temperature_C.1"]),
-]
 
-ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
-    ("nam", "x", "nam", "did you mean name.*known keys here are name, description, geometry"),
-    ("geometry.length_m", 0.04, "geometry.length_m", "did you mean end_link_m|segment_length_m"),
-    ("path.spiral", 1.0, "path.spiral", "known keys here are model, scale, growth"),
-    ("limits.current_A", 1.0, "limits.current_A", "known keys here are wheel_speed_rad_s"),
-    ("timing.constant.melts", 1.0, "timing.constant.melts", "did you mean melt_s.*overlap"),
-    ("timing.nominal.melt_s", 1.0, "timing.nominal.melt_s", "known keys here are overlap"),
-    ("timing.paper.melt_s", 1.0, "timing.paper.melt_s", "did you mean heat_s.*overlap"),
-    ("name", 3, "name", "a text"),
-    ("name", "", "name", "at least 1 character"),
-    (
-        "geometry",
-        3,
-        "geometry",
-        r"^a table of keys \(lengths of the fibre and the locomotion units",
-    ),
-    ("path", 3, "path", r"^a table of keys \(how the fibre bends when a unit moves"),
-    ("timing", 3, "timing", r"^a table of keys \(sets of transition times by name"),
-    ("timing", {}, "timing", "at least 1"),
-    ("timing.nominal", 3, "timing.nominal", "^a table of keys$"),
-    ("path.scale", [1.0, 2.0, 3.0, 4.0], "path.scale", "3"),
-    ("path.scale", 2.0, "path.scale", "."),
-    ("limits.curvature_per_m", 78.6, "limits.curvature_per_m", r"at most 78\.54 1/m.*log_spiral"),
-    ("geometry.wheel_radius_m", 0.0, "geometry.wheel_radius_m", "greater than 0"),
-    ("path.angle_ratio", [1.5, 1.0, 0.0], "path.angle_ratio.2", "greater than 0"),
-    ("timing.constant.superheat_s", 0.0, "timing.constant.superheat_s", "greater than 0"),
-    ("geometry.middle_link_m", 1e9, "geometry.middle_link_m", "less than or equal to 100"),
-    ("limits.turn_rate_rad_s", 1e-12, "limits.turn_rate_rad_s", "at least 1e-05"),
-    ("timing.constant.melt_s", 1e8, "timing.constant.melt_s", "less than or equal to 1000000"),
-    ("limits.unit_gap_m", -0.001, "limits.unit_gap_m", "greater than or equal to 0"),
-    ("geometry.wheels", [{**WHEELS[0], "z_m": 0.0}], "geometry.wheels.0.z_m", "known keys here"),
-    ("path", {**ARC, "speed_reference": "hub"}, "path.speed_reference", "'fibre_end' or"),
-    ("path", {**ARC, "scale": 1.0}, "path.scale", "known keys here are model, speed_reference"),
-    # each temperature above the one before it
-    ("heater.temperature_min_C", 25.0, "heater.ambient_C", r"more than temperature_min_C \(25 C\)"),
-    ("heater.ambient_C", 61.0, "heater.melting_point_C", r"more than ambient_C \(61 C\)"),
-    ("heater.melting_point_C", 65.0, "heater.soft_setpoint_C", r"than melting_point_C \(65 C\)"),
-    ("heater.soft_setpoint_C", 85.0, "heater.temperature_max_C", r"soft_setpoint_C \(85 C\)"),
-    ("heater.rigid_setpoint_C", 61.0, "heater.rigid_setpoint_C", "from 0 to below 61 C"),
-    ("heater.rigid_setpoint_C", -0.1, "heater.rigid_setpoint_C", "from 0 to below 61 C"),
-    ("heater.melt_current_A", 0.91, "heater.melt_current_A", r"current_max_A \(0\.9 A\)"),
-    ("heater.hold_current_A", 0.91, "heater.hold_current_A", r"current_max_A \(0\.9 A\)"),
-    # a plateau is part of its transition, cooling part of a reconfiguration
-    (
-        "timing.constant.melt_changing_s",
-        63.5,
-        "timing.constant.melt_changing_s",
-        r"at most melt_s \(63 s\)",
-    ),
-    (
-        "timing.constant.freeze_changing_s",
-        253.5,
-        "timing.constant.freeze_changing_s",
-        r"at most freeze_s \(253 s\)",
-    ),
-    (
-        "timing.paper.reconfigure_cool_s",
-        502.0,
-        "timing.paper.reconfigure_cool_s",
-        r"less than reconfigure_s \(502 s\)",
-    ),
-]
 ROBOT_MISSING = [
     *("name", "geometry", "path", "limits", "heater", "timing"),
     *("geometry.middle_link_m", "path.scale", "limits.unit_speed_m_s", "heater.ambient_C"),
@@ -318,7 +185,7 @@ def reads(request: pytest.FixtureRequest, tmp_path: Path) -> Reads:
     return prepared
 
 
-@pytest.mark.parametrize(("key", "value", "field", "allowed"), SCENARIO_MISTAKES)
+@pytest.mark.parametrize(("key", "value", "field", "allowed"), CASES["scenario"])
 def test_a_mistake_in_a_scenario_is_named(
     key: str, value: object, field: str, allowed: str, reads: Reads
 ) -> None:
@@ -326,7 +193,7 @@ def test_a_mistake_in_a_scenario_is_named(
     assert_refused(make, field, reported(value, key, field), allowed, source)
 
 
-@pytest.mark.parametrize(("key", "value", "field", "allowed"), ROBOT_MISTAKES)
+@pytest.mark.parametrize(("key", "value", "field", "allowed"), CASES["robot"])
 def test_a_mistake_in_a_robot_is_named(
     key: str, value: object, field: str, allowed: str, reads: Reads
 ) -> None:
@@ -346,7 +213,7 @@ def test_a_mistake_in_a_robot_is_named(
 )
 def test_a_missing_key_is_named(what: str, document: Document, key: str, reads: Reads) -> None:
     make, source = reads(what, without(document, key))
-    assert_refused(make, key, "missing", REQUIRED, source)
+    assert_refused(make, key, "missing", "required", source)
 
 
 def numbers(document: object, key: str = "") -> Iterator[str]:
@@ -373,7 +240,7 @@ def test_every_number_is_one_and_finite(what: str) -> None:
             assert re.search(allowed, error.allowed), error
 
 
-@pytest.mark.parametrize(("key", "value", "fields"), TOO_SHORT)
+@pytest.mark.parametrize(("key", "value", "fields"), CASES["too_short"])
 def test_the_missing_entries_of_a_short_list_are_named(
     key: str, value: list[float], fields: list[str]
 ) -> None:
@@ -506,6 +373,7 @@ def test_all_values_out_of_range_are_reported_at_once() -> None:
         InputError("gap", 2.0, "less than 1", "s.toml", (InputError("goal", {}, "more"),)),
         NoPlanError("infeasible", "proved"),
         ContradictionError(298.0, 299.5),
+        StreamError(3.0, "in phase 1", "why"),
     ],
 )
 def test_errors_survive_pickling(error: TwosraError) -> None:

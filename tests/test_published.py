@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from once import cases
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
@@ -17,7 +18,6 @@ from twosra_mpc.lab.reproduction.published_runs import (
 )
 from twosra_mpc.robot.modes import MODES, Mode
 
-Q = tuple[float, float, float, float, float]
 FloatArray = NDArray[np.float64]
 
 ROUNDING = 1e-12  # published rows are reproduced to about 1e-14; m, rad or 1/m
@@ -36,12 +36,12 @@ class Simulation:
     """
 
     number: int
-    start: Q
-    goal: Q
-    switches: tuple[int, ...]
+    start: list[float]
+    goal: list[float]
+    switches: list[int]
     modes: tuple[Mode, ...]
     recorded: int
-    step_s: float = 0.05
+    step_s: float
     rows: str = ""
 
     def run(self, *, forced: bool) -> PublishedTrajectory:
@@ -56,93 +56,10 @@ class Simulation:
         )
 
 
-# Source of start, goal and rows: the authors' simulated trajectories, simulation1-3.csv and
-# simulation5.csv of their public repository 2sr-agent-simulation, published with Labazanova et
-# al., IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749.
-# Of simulation 4 only start, goal, switches and the number of rows are used.
-SIMULATIONS = (
-    Simulation(
-        number=1,
-        start=(0.26, 0.23, -0.3, 28.0, -16.0),
-        goal=(0.24, 0.21, 0.5, 28.0, 3.0),
-        switches=(163,),
-        modes=((0, 1), (0, 0)),
-        recorded=111,
-        rows="""
-0 0.26 0.23 -0.3 28.0 -16.0 0 0
-1 0.259998608310718 0.22999690482740726 -0.2999024647499515 28.0 -15.997683397663783 0 1
-50 0.24280967447531654 0.20977090640819732 0.43870680791882544 28.0 1.5444767118857863 0 1
-102 0.24086469688780102 0.20855215188259815 0.4999989670812312 28.0 2.9999702348088007 0 1
-103 0.24051024478360983 0.20914559250012485 0.500000130563708 28.0 2.9999999999999996 0 0
-104 0.24029982379901987 0.20949794351504916 0.5000000767202492 28.0 2.9999999999999996 0 0
-110 0.2400112760785738 0.20998111814875497 0.5000000028853733 28.0 2.9999999999999996 0 0
-""",
-    ),
-    Simulation(
-        number=2,
-        start=(0.29, 0.2, -0.62, -27.0, 15.0),
-        goal=(0.27, 0.24, 0.9, 30.0, 15.0),
-        switches=(162,),
-        modes=((1, 0), (0, 0)),
-        recorded=115,
-        rows="""
-0 0.29 0.2 -0.62 -27.0 15.0 0 0
-1 0.2900024762287817 0.20000552446071837 -0.6198147568182151 -26.99305019299135 15.0 1 0
-50 0.27212388046484864 0.2401969077120423 0.7834543210886658 25.63343013565736 15.0 1 0
-105 0.2684166080159958 0.24097683485032179 0.8999445759285097 29.999963604801973 15.0 1 0
-106 0.2690616356159365 0.24057889196052248 0.8999677304499324 29.999999999999996 15.0 0 0
-107 0.26944625934610006 0.24034161144455313 0.8999809573316518 29.999999999999996 15.0 0 0
-114 0.2699877626909212 0.24000754939122207 0.8999995791693881 29.999999999999996 15.0 0 0
-""",
-    ),
-    Simulation(
-        number=3,
-        start=(0.231, 0.2, 0.44, -11.0, -13.0),
-        goal=(0.225, 0.245, -0.235, 38.0, 34.0),
-        switches=(166, 216, 253),
-        modes=((1, 1), (0, 1), (1, 0), (0, 0)),
-        recorded=144,
-        rows="""
-0 0.231 0.2 0.44 -11.0 -13.0 0 0
-1 0.23099676246716244 0.20000765162915884 0.4399176958182967 -10.994219352959728 -12.994080265374588 1 1
-20 0.22590831532894215 0.21438303524629496 0.2883736305754109 -0.34326642379227 -2.10164202014691 1 1
-106 0.22832998899864854 0.24398867942843777 -0.23492045040763615 37.31556032005313 34.70595953690703 1 1
-107 0.22832990682634846 0.24398864762096775 -0.23491761817717 37.31558329220972 34.4113040800363 0 1
-124 0.22832981385343956 0.24398861217979914 -0.2349144381905116 37.31558329220972 34.000021502253304 0 1
-125 0.2283300091053883 0.2439887287201391 -0.23492184090789364 37.686872151331414 34.0 1 0
-137 0.22833022767045666 0.24398886413050103 -0.23493023658332415 37.999982977058764 34.0 1 0
-138 0.2262155395639695 0.2446309334561737 -0.23497453668329996 38.0 34.0 0 0
-143 0.2250070966501493 0.24499784528926824 -0.23499985133824053 38.0 34.0 0 0
-""",  # noqa: E501 (a published row stays on one line)
-    ),
-    Simulation(
-        number=4,
-        start=(0.238, 0.276, -0.24, -38.0, -24.0),
-        goal=(0.24, 0.3, -0.15, -15.0, -5.0),
-        switches=(162, 216, 254),
-        modes=((1, 1), (0, 1), (1, 0), (0, 0)),
-        recorded=140,
-    ),
-    Simulation(
-        number=5,
-        start=(0.231, 0.262, -0.34, -27.0, -16.0),
-        goal=(0.241, 0.266, -0.5, -25.0, 12.0),
-        switches=(74, 93),
-        modes=((0, 1), (1, 0), (0, 0)),
-        recorded=62,
-        step_s=0.1,
-        rows="""
-0 0.231 0.262 -0.34 -27.0 -16.0 0 0
-1 0.23100236528917434 0.2620047436111675 -0.3401523419788004 -27.0 -15.97335447705007 0 1
-25 0.23505943050660294 0.26543226661903613 -0.4899284788868906 -27.0 10.206157562808142 0 1
-50 0.23541632376030389 0.2655186612745179 -0.5001978527700605 -27.0 11.999985953612867 0 1
-51 0.23541715146100517 0.2655244575321339 -0.5000188080428307 -25.500829626555223 12.0 1 0
-58 0.23541729250964927 0.2655260414869883 -0.4999705945569876 -25.00000882257863 12.0 1 0
-59 0.2406646034356946 0.2659715256328479 -0.4999982334190661 -25.0 12.0 0 0
-61 0.2409993271609616 0.26599994287757284 -0.499999996456062 -25.0 12.0 0 0
-""",
-    ),
-)
+SIMULATIONS = [
+    Simulation(**each | {"modes": tuple(map(tuple, each["modes"]))})
+    for each in cases("published")["simulation"]
+]
 SIMULATION_1 = SIMULATIONS[0]
 
 each_simulation = pytest.mark.parametrize(
@@ -224,7 +141,7 @@ def test_every_recorded_step_is_the_published_formula(simulation: Simulation) ->
 
 def test_row_0_is_the_start_at_rest_in_the_rigid_mode() -> None:
     trajectory = SIMULATION_1.run(forced=True)
-    assert trajectory.q[0].tolist() == list(SIMULATION_1.start)
+    assert trajectory.q[0].tolist() == SIMULATION_1.start
     assert trajectory.mode[0].tolist() == [0, 0]
     assert trajectory.velocity[0].tolist() == [0.0] * 5
     assert trajectory.iteration[0] == -1

@@ -12,7 +12,7 @@ import pytest
 from conftest import Run
 from once import planned, solved
 
-from twosra_mpc import InputError, Result, load_plan
+from twosra_mpc import Result, load_plan
 from twosra_mpc.checking.plan_file import check_plan, refined
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -59,11 +59,6 @@ def test_refining_keeps_everything_but_samples_and_verification() -> None:
 def test_a_plan_that_rests_has_one_sample() -> None:
     resting = planned("rigid-move", goal={"x_m": 0.0})
     assert len(refined(resting, 10.0).samples) == 1
-
-
-def test_a_rate_that_is_too_high_is_refused() -> None:
-    with pytest.raises(InputError, match="at most 1000 Hz"):
-        refined(planned("paper-1"), 1e4)
 
 
 # --- program -------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import pytest
 from conftest import Run
 from jsonschema import Draft7Validator
-from once import solved
+from once import cases, solved
 from test_problem import ROBOT, SCENARIO, changed, without
 
 from twosra_mpc import InputError, Result, robot_names, scenario_names
@@ -81,29 +81,8 @@ def test_free_curvatures_fit() -> None:
 
 # --- what is wrong does not, and the program agrees ----------------------------------------------
 
-WRONG_SCENARIOS: list[tuple[str, object]] = [
-    ("start.x_m", "left"),
-    ("start.kappa_per_m", []),
-    ("start.kappa_per_m", [1.0, 2.0, 3.0, 4.0, 5.0]),
-    ("start.x", 0.0),
-    ("start", 3.0),
-    ("goal.kappa_per_m", ["fre", 3.0]),
-    ("goal.mode", [0, 2]),
-    ("planner", "best"),
-    ("gap", 1.5),
-    ("gap", -0.1),
-    ("time_limit_s", 0.0),
-    ("max_phases", 2.5),
-    ("max_phases", 0),
-    ("heaters_at_once", 5),
-    ("heating", "slowest"),
-    ("weights", {"energy_s_per_J": -1.0}),
-    ("colour", "red"),
-    ("robot", 7),
-]
 
-
-@pytest.mark.parametrize(("key", "value"), WRONG_SCENARIOS)
+@pytest.mark.parametrize(("key", "value"), cases("schema")["wrong_scenarios"])
 def test_a_wrong_scenario_does_not_fit(key: str, value: object) -> None:
     document = changed(SCENARIO, key, value)
     with pytest.raises(InputError):
@@ -131,24 +110,7 @@ def test_segments_may_be_counted_or_listed(document: Schema) -> None:
     VALIDATORS["scenario"].validate({**SCENARIO, "robot": document})
 
 
-WRONG_ROBOTS: list[tuple[str, object]] = [
-    ("name", ""),
-    ("geometry.segment_length_m", -0.04),
-    ("geometry.segment_length_m", []),
-    ("geometry.segments", 5),
-    ("segments", 0),
-    ("segment", [{"length_m": 0.03}, {"length_m": -0.05}]),
-    ("segment", [{"length_m": 0.03}, {"core_diameter_m": 0.005}]),
-    ("geometry.length_m", 0.04),
-    ("path.model", "spline"),
-    ("path.scale", [1.0, 2.0]),
-    ("limits.wheel_speed_rad_s", "fast"),
-    ("heater", {}),
-    ("timing", {}),
-]
-
-
-@pytest.mark.parametrize(("key", "value"), WRONG_ROBOTS)
+@pytest.mark.parametrize(("key", "value"), cases("schema")["wrong_robots"])
 def test_a_wrong_robot_does_not_fit(key: str, value: object) -> None:
     document = changed(ROBOT, key, value)
     with pytest.raises(InputError):
@@ -156,28 +118,7 @@ def test_a_wrong_robot_does_not_fit(key: str, value: object) -> None:
     assert not VALIDATORS["robot"].is_valid(document)
 
 
-WRONG_PLANS: list[tuple[str, object]] = [
-    ("format", "plan"),
-    ("version", 4),
-    ("status", "best"),
-    ("planner", "best"),
-    ("gap", "small"),
-    ("cost", {"total": 1.0}),
-    ("cost", [1.0, 1.0, 1.0, 1]),
-    ("phases", [{"mode": [0, 0], "start_s": 0.0}]),
-    ("transitions", [{"segment": 0, "to": "soft", "heater_s": 0, "onset_s": 0, "done_s": 0}]),
-    ("samples.q", [[0.0, 0.0]]),
-    ("samples.mode", [[0, 2]]),
-    ("samples.a", [[0.0, 0.0]]),
-    ("samples", {}),
-    ("stats", {"wall_s": 1.0}),
-    ("scenario.start.x_m", "left"),
-    ("robot.geometry.segment_length_m", -1.0),
-    ("unknown", 1),
-]
-
-
-@pytest.mark.parametrize(("key", "value"), WRONG_PLANS)
+@pytest.mark.parametrize(("key", "value"), cases("schema")["wrong_plans"])
 def test_a_wrong_plan_does_not_fit(key: str, value: object) -> None:
     document = json.loads(json.dumps(solved("paper-1").to_dict()))
     assert not VALIDATORS["plan"].is_valid(changed(document, key, value))
@@ -208,25 +149,7 @@ def test_every_key_is_described_with_its_unit(subject: Subject) -> None:
             assert schema["description"].endswith("]"), name
 
 
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("x_m", "m"),
-        ("time_limit_s", "s"),
-        ("kappa_per_m", "1/m"),
-        ("wheel_speed_rad_s", "rad/s"),
-        ("unit_speed_m_s", "m/s"),
-        ("resistivity_ohm_m", "ohm m"),
-        ("energy_s_per_J", "s/J"),
-        ("latent_heat_J_per_kg", "J/kg"),
-        ("heat_solid_J_per_kg_K", "J/(kg K)"),
-        ("convection_W_per_m2_K", "W/(m2 K)"),
-        ("core_heat_J_per_K", "J/K"),
-        ("power_K_per_s", "K/s"),
-        ("t_s", "s"),
-        ("melting_point_C", "degrees C"),
-    ],
-)
+@pytest.mark.parametrize(("key", "unit"), cases("schema")["units"])
 def test_the_unit_is_that_of_the_name(key: str, unit: str) -> None:
     assert describe(key).endswith(f" [{unit}]")
 

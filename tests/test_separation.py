@@ -152,12 +152,6 @@ def test_convex_parts_are_the_polygon(seed: int) -> None:
     assert shapely.union_all(polygons).symmetric_difference(whole).area < 1e-12
 
 
-def test_corners_on_a_side_are_left_out() -> None:
-    square = np.array([(0, 0), (1, 0), (2, 0), (2, 2), (1, 2), (0, 2)], dtype=float)
-    (part,) = convex_parts(square)
-    assert sorted(map(tuple, part.tolist())) == [(0, 0), (0, 2), (2, 0), (2, 2)]
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_no_piece_is_said_to_be_farther_away_than_it_is(seed: int) -> None:
     """Whatever its corners are: discs around pieces hold the farthest of them."""

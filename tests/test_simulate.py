@@ -20,7 +20,6 @@ from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.plotting import film
 from twosra_mpc.plotting.run_figures import (
-    animate_run,
     joined_drives,
     plot_run,
     reported_states,
@@ -210,13 +209,3 @@ def test_a_film_shows_the_clock_the_stiffness_and_the_end(done: Simulation) -> N
     minutes, seconds = divmod(playback.time_s[row], 60.0)
     assert f"{minutes:.0f} min {seconds:04.1f} s" in freezing
     assert "The goal is reached" in words_at(done.run.duration_s)
-
-
-def test_a_film_is_written_atomically(
-    done: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(film, "LAST_FRAME_S", 0.2)
-    animate_run(done.run, tmp_path / "run.gif", done.truth, duration_s=0.4)
-    assert [path.name for path in tmp_path.iterdir()] == ["run.gif"]
-    with Image.open(tmp_path / "run.gif") as shown:
-        assert getattr(shown, "n_frames", 1) == 5

@@ -33,7 +33,7 @@ from twosra_mpc.lab.serial.port import (
     stop_command,
 )
 from twosra_mpc.lab.serial.robot import STOPS
-from twosra_mpc.lab.serial.stream import StreamError, stream
+from twosra_mpc.lab.serial.stream import stream
 
 STOP = stop_command(2)
 
@@ -212,14 +212,6 @@ def test_its_help_has_the_time_of_silence_and_how_to_install_what_it_needs(run: 
     _, told, _ = run("stream", "--help")
     assert f"within {Patience().listen_s:g} s" in " ".join(told.split())
     assert install_command("serial") in told
-
-
-def test_errors_survive_pickling() -> None:
-    import pickle
-
-    error = StreamError(3.0, "in phase 1", "why")
-    again = pickle.loads(pickle.dumps(error))
-    assert (str(again), again.time_s) == (str(error), 3.0)
 
 
 def test_a_port_is_closed_even_if_nothing_could_be_sent(

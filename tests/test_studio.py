@@ -142,16 +142,6 @@ def test_a_segment_follows_the_hand_as_near_as_it_can(name: str, end: str) -> No
         asked_problem(Ask(problem=document(problem), pull=beyond))
 
 
-def test_names_with_markup_are_shown_and_not_run() -> None:
-    box = {"x_m": [0.4, 0.5], "y_m": [0.4, 0.5]}
-    wall, thing = {"name": HOSTILE, "box": box}, {"name": f"{HOSTILE}2", "disc": {"radius_m": 0.02}}
-    thing["pose"] = {"x_m": 0.0, "y_m": 0.6}
-    hostile = document(PAPER) | {"obstacles": [wall], "objects": [thing], "description": HOSTILE}
-    for record in answers(Ask(problem=hostile, film=True), never):
-        for part in ("plane", "readings", "timeline"):
-            assert HOSTILE not in record.get(part, "")
-
-
 def test_a_map_has_the_plans_of_its_points_and_each_point_once() -> None:
     cells = list(goal_map(PAPER, ("kappa1", "kappa2"), (3, 5)))
     assert len({cell[:2] for cell in cells}) == len(cells) == 25

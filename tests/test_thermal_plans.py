@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from once import planned, solved
 from problems import at_once
@@ -262,22 +260,6 @@ def test_thermal_plans_hold_as_they_are(case: Case) -> None:
 def test_what_was_tampered_with_is_named(case: Case, how: str) -> None:
     tamper, words = TAMPERED[how]
     assert_found(tamper(case), *words)
-
-
-@given(
-    i=st.integers(0, 3),
-    name=st.sampled_from(["heater_s", "onset_s", "done_s"]),
-    by=st.floats(0.5, 300.0),
-    sign=st.sampled_from([-1.0, 1.0]),
-)
-def test_a_thermal_transition_moved_alone_is_found(
-    i: int, name: str, by: float, sign: float
-) -> None:
-    case = case_of(planned("paper-1"))
-    item = case.transitions[i]
-    moved = item._replace(**{name: getattr(item, name) + sign * by})
-    transitions = (*case.transitions[:i], moved, *case.transitions[i + 1 :])
-    assert not replace(case, transitions=transitions).check().ok
 
 
 def test_two_heaters_on_at_once_are_named_where_one_is_allowed() -> None:

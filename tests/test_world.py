@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from once import cases
 
 from twosra_mpc import InputError, Problem, load_problem, plan
 from twosra_mpc.problem.tasks import Pass
@@ -25,25 +26,7 @@ def scene(*obstacles: dict[str, Any], **overrides: Any) -> Problem:
     return Problem(**{**base, **overrides})
 
 
-@pytest.mark.parametrize(
-    ("corners", "allowed"),
-    [
-        ([[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]], "does not cross or touch itself"),
-        ([[0, 0], [2, 0], [2, 1], [1, 0], [0, 1]], "does not cross or touch itself"),
-        ([[0, 0], [1, 0], [1, 1], [1, 0], [0, 1]], "does not cross or touch itself"),
-        ([[0, 0], [1, 0], [1, 0], [0, 1]], "each corner once; corner 3 is corner 2 again"),
-        ([[0, 0], [1, 0], [0, 1], [0, 0]], "each corner once; corner 4 is corner 1 again"),
-        ([[0, 0], [0.1, 0.1], [0.2, 0.2], [0.05, 0.05]], "do not lie on one line"),
-        ([[0, 0], [1, 0], [0.5, 1e-9]], "do not lie on one line"),
-        ([[0, 0], [1, 0]], "at least three corners"),
-        ([], "at least three corners"),
-        ([[0, 0], [1, 0], [math.nan, 1]], "finite number"),
-        ([[0, 0], [1, 0], [1, math.inf]], "finite number"),
-        ([[0, 0], [1, 0], [1]], "required"),
-        ([[0, 0], [1, 0], [1, 1, 1]], "a list of 2 values"),
-        ("a wall", "a list of values"),
-    ],
-)
+@pytest.mark.parametrize(("corners", "allowed"), cases("world")["corners"])
 def test_a_polygon_that_is_none_is_refused_by_its_index(corners: Any, allowed: str) -> None:
     with pytest.raises(InputError, match=allowed) as caught:
         scene(POST, POST | {"name": ""}, {"polygon_m": corners})

@@ -131,25 +131,17 @@ def _free(
 
 def _leads_away(free: NDArray[np.bool_]) -> bool:
     """True if free boxes that share sides lead from the middle to the edge in x and y."""
-    runs = np.cumsum(_first(free), dtype=np.int32).reshape(free.shape) * free  # along y
-    beside = (runs[:, :-1], runs[:, 1:]), (runs[:-1], runs[1:]), (runs[-1:], runs[:1])
-    met = [_first((one > 0) & (other > 0)) for one, other in beside]
-    links = np.concatenate(
-        [np.column_stack([a[at], b[at]]) for (a, b), at in zip(beside, met, strict=True)]
-    )
-    flooded, middle = np.zeros(int(runs.max()) + 1, dtype=bool), runs.shape[1] // 2
-    flooded[runs[0, middle, middle]] = True
+    from scipy.ndimage import label  # only then anyone waits for it
+
+    places, count = label(free)
+    links = np.unique(places[[0, -1]].reshape(2, -1).T, axis=0)  # headings go round
+    links = links[(links > 0).all(axis=1)]
+    flooded, middle = np.zeros(count + 1, dtype=bool), free.shape[1] // 2
+    flooded[places[0, middle, middle]] = True
     while (front := flooded[links].any(axis=1)).any():  # what is beside what is flooded
         flooded[links[front]] = True
         links = links[~front]
-    return bool(flooded[runs[:, [0, -1]]].any() or flooded[runs[:, :, [0, -1]]].any())
-
-
-def _first(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The first of each run along the last axis."""
-    first = some.copy()
-    first[..., 1:] &= ~some[..., :-1]
-    return first
+    return bool(flooded[places[:, [0, -1]]].any() or flooded[places[:, :, [0, -1]]].any())
 
 
 def pushes(

@@ -24,7 +24,7 @@ from twosra_mpc.plotting import figures, world_figures
 from twosra_mpc.plotting.figures import settle
 from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
-from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
+from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness, mark_melting
 from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100
@@ -211,7 +211,7 @@ def _set_gauges(ax: Axes, playback: Playback) -> tuple[float, float]:
     floor = 5 * np.floor(warm.min() / 5 - 1)
     top = max(warm.max(), playback.problem.stiffness_thresholds_C[1]) + 3.0
     ax.bar(numbers, top - floor, 0.5, floor, fc="0.94", ec="0.6", lw=0.8, zorder=1)
-    _mark_melting(ax, playback, zorder=4)
+    mark_melting(ax, playback.problem.stiffness_thresholds_C, label="", zorder=4)
     ax.set(xlim=(-0.5, len(numbers) - 0.5), ylim=(floor, top))
     ax.set_xticks(numbers, [str(j + 1) for j in numbers])
     ax.tick_params(axis="x", length=0)
@@ -219,12 +219,6 @@ def _set_gauges(ax: Axes, playback: Playback) -> tuple[float, float]:
     ax.yaxis.set_major_formatter("{x:zg} °C")
     ax.spines["bottom"].set_visible(False)
     return float(floor), float(top)
-
-
-def _mark_melting(ax: Axes, playback: Playback, zorder: float) -> None:
-    ax.axhspan(*playback.problem.stiffness_thresholds_C, fc="0.5", lw=0, alpha=0.2, zorder=zorder)
-    for edge in set(playback.problem.stiffness_thresholds_C):
-        ax.axhline(edge, c="0.4", lw=1, ls=":", zorder=zorder)
 
 
 def _set_bars(ax: Axes, playback: Playback) -> None:
@@ -242,7 +236,7 @@ def _set_bars(ax: Axes, playback: Playback) -> None:
 
 
 def _set_curves(ax: Axes, playback: Playback, range_C: tuple[float, float]) -> None:
-    _mark_melting(ax, playback, zorder=1)
+    mark_melting(ax, playback.problem.stiffness_thresholds_C, label="")
     for j, warm in enumerate(playback.temperature_C.T):
         ax.plot(playback.time_s, warm, alpha=AHEAD, **figures.segment_curve(j))
         ax.plot([], [], label=f"segment {j + 1}", **figures.segment_curve(j))

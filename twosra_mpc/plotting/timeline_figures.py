@@ -263,11 +263,12 @@ def temperatures(
     return finished(ax, "temperature\n[°C]")
 
 
-def mark_melting(ax: Axes, melting_C: tuple[float, float]) -> None:
+def mark_melting(ax: Axes, melting_C: tuple[float, float], **look: Any) -> None:
     """Shade the temperatures at which metal melts."""
     solid, liquid = melting_C
     melting = f"{solid:zg} °C" if solid == liquid else f"{solid:z.3g} to {liquid:z.3g} °C"
-    ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"changing, {melting}")
+    style: dict[str, Any] = {"color": "0.5", "lw": 1, "ls": ":", "alpha": 0.5}
+    ax.axhspan(solid, liquid, **{**style, "label": f"changing, {melting}", **look})
 
 
 @public

@@ -19,7 +19,7 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.slices import AT_EDGE_M, FreeSlices, box_around, component_around
@@ -29,7 +29,6 @@ Box = tuple[Array, Array]  # of poses: least and largest x, y, phi, infinite whe
 _QUADRANT = 16  # corners in a quarter of a disc
 _AROUND_M = 1.0  # beyond all obstacles
 _EVERYWHERE_M = 1e6  # stands for infinity, where GEOS wants numbers
-_AT_EDGE_M = 1e-6  # rounding of GEOS at the edges of the box
 
 
 def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]:
@@ -37,10 +36,9 @@ def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]
     box = np.clip([low[:2], high[:2]], *slices.box_m)
     here = np.ones(len(slices.parts), dtype=bool)
     if np.isfinite([low[2], high[2]]).all():
-        centres = 2 * np.pi / slices.headings * slices.slice_of
         middle, half = (low[2] + high[2]) / 2, (high[2] - low[2]) / 2 + np.pi / slices.headings
-        off = np.abs((centres - middle + np.pi) % (2 * np.pi) - np.pi)
-        here = off <= half + 1e-9
+        off = wrapped(slices.heading_rad(slices.slice_of) - middle)
+        here = np.abs(off) <= half + 1e-9
     low_x, high_x = np.clip(box, -1e3, 1e3) + np.array([[-1e-9], [1e-9]])
     here &= shapely.intersects(slices.parts, shapely.box(*low_x, *high_x))
     return frozenset(slices.component_of[here].tolist())
@@ -77,7 +75,7 @@ class Region:
         held = np.isin(slices.component_of, list(components))
         shape = shapely.union_all(slices.parts[held])
         ends = np.reshape(shapely.bounds(shape), (2, 2))
-        at_edge = np.abs(ends - slices.box_m) <= _AT_EDGE_M
+        at_edge = np.abs(ends - slices.box_m) <= AT_EDGE_M
         return cls(shape, slices.box_m, bool(at_edge.any()))
 
     def apart_m(self, other: Region) -> float:

@@ -210,8 +210,7 @@ class Field:
         By the nearest nodes of their slices, seen or not.
         """
         roads = self.roadmap
-        turn = poses[:, 2] / (2 * np.pi) * roads.slices.headings
-        slices = np.round(turn).astype(int) % roads.slices.headings
+        slices = roads.slices.index_of(poses[:, 2])
         times = np.full(len(poses), np.inf)
         for k in {*slices.tolist()}:
             own = slices == k

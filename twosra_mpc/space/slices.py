@@ -56,7 +56,7 @@ _SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is, or less
 _GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid; as near is the same
-AT_EDGE_M = 1e-6  # of a box
+AT_EDGE_M = 1e-6  # of a box: rounding of GEOS
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
 
