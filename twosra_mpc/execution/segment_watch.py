@@ -137,6 +137,7 @@ class SegmentWatch:
         if robot.describes_heat and reports:
             self.belief = heat_belief(robot, air_C, segment, self._start_C)
         self._asked: Asked = "rigid"
+        self._sent_C = robot.heater.rigid_setpoint_C
         self._stretch, self._begun_s = _Stretch(), dict[str, tuple[float, float]]()
         self._hot, self._last_C, self._coldest_C = 0, math.inf, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
@@ -171,25 +172,29 @@ class SegmentWatch:
         return 0.0 if self.belief is None or self.doubted else self.belief.stays_liquid_s
 
     @property
-    def surely_solid(self) -> bool:
-        """True if all of the metal is solid for sure."""
-        return self.belief is not None and self._asked != "soft" and self.belief.surely_solid
+    def clearly_solid(self) -> bool:
+        """True if all of the metal is solid."""
+        return self.belief is not None and self._asked != "soft" and self.belief.clearly_solid
 
     @property
     def moved_K(self) -> float:
         """Change of the reading in the last seconds: metal that melts or freezes stands still."""
         return self._recent_C[-1] - self._recent_C[0] if self._recent_C else 0.0
 
-    def allowed_C(self, setpoint_C: float) -> float:
-        """Set-point that may be sent where this one is asked for.
+    def sent_C(self, setpoint_C: float, soft_for_s: float = math.inf) -> float:
+        """Set-point that is sent where this one is asked for, to be soft for so long.
 
-        A sensor that shows too much makes its controller hold metal that is still melting, with
-        little current: a segment that was doubted is asked for more until it must be liquid.
+        Heat beyond that must be lost before metal freezes. A sensor that shows too much makes its
+        controller hold metal that is still melting, with little current: a segment that was doubted
+        is asked for more until it must be liquid.
         """
-        if self.belief is not None and self.belief.cut:
-            return min(setpoint_C, self._heater.rigid_setpoint_C)
-        melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
-        return setpoint_C + _MORE_K * melts
+        coasts = self.coasts_s >= soft_for_s
+        if coasts or (self.belief is not None and self.belief.cut):
+            self._sent_C = min(setpoint_C, self._heater.rigid_setpoint_C)
+        else:
+            melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
+            self._sent_C = setpoint_C + _MORE_K * melts
+        return self._sent_C
 
     def take(
         self,
@@ -219,7 +224,7 @@ class SegmentWatch:
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
         shown_C = temperature_C if sound else None
-        passed_s = self._account_for(time_s, setpoint_C, shown_C, current_A)
+        passed_s = self._account_for(time_s, shown_C, current_A)
         if not sound:
             return
         self._check_life(temperature_C, (self._before_C, self._last_C))
@@ -235,7 +240,7 @@ class SegmentWatch:
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         if self.belief is not None:
             self._check_likeness(passed_s, temperature_C, self.belief)
-        heats = self.allowed_C(setpoint_C) >= setpoint_C
+        heats = self._sent_C >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
         self._check_progress(time_s, temperature_C, stiffness, heats)
 
@@ -252,7 +257,7 @@ class SegmentWatch:
         return time_s - self._begun_s.setdefault(name, (time_s, here_C))[0]
 
     def _account_for(
-        self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
+        self, time_s: float, shown_C: float | None, current_A: float | None
     ) -> float:
         """Account for the heat of the time that has passed, which is returned."""
         first = math.isnan(self._taken_s)
@@ -261,7 +266,7 @@ class SegmentWatch:
             return passed_s
         if first and shown_C is not None:
             self.belief = self.belief.begun(shown_C, self._start_C)
-        heat = self._heat_of(passed_s, setpoint_C, shown_C, current_A)
+        heat = self._heat_of(passed_s, shown_C, current_A)
         self.belief = self.belief.take(heat, shown_C)
         if shown_C is not None and time_s >= self._recent_s + _APART_S:
             self._recent_C.append(shown_C)
@@ -273,10 +278,10 @@ class SegmentWatch:
         return passed_s
 
     def _heat_of(
-        self, passed_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
+        self, passed_s: float, shown_C: float | None, current_A: float | None
     ) -> Heat:
         """Heat since the last reading: as told, or by a switch at the set-point in force."""
-        heater, sent_C = self._heater, self.allowed_C(setpoint_C)
+        heater, sent_C = self._heater, self._sent_C
         now_C = self._last_C if shown_C is None else shown_C
         soft, before_C = self._asked == "soft", min(self._last_C, _HOTTEST_C)
         if current_A is not None:
