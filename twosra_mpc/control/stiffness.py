@@ -47,8 +47,8 @@ CLEARLY_SOLID_K = 2.5
 SURELY_LIQUID_K = 1.0  # of the estimate: the melting point may be higher
 SURELY_SOLID_K = 8.0  # of the estimate: coils heat up to a third faster than the observer knows
 
-CLEARLY_S = 5.0  # for which metal stays soft without heat that is soft clearly
-RISEN_K, FALLEN_K = 0.7, 0.35  # of a reading that does not stand still as metal does that changes,
+CLEARLY_S = 2.0  # for which metal stays soft without heat that is soft clearly
+RISEN_K, FALLEN_K = 0.7, 0.25  # of a reading that does not stand still as metal does that changes,
 WITHIN_S = 20.0  # within which it does
 _WARM_SHARE = 0.9  # of the way from the air to where a segment may begin to melt, as observed
 

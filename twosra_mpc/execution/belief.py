@@ -410,10 +410,12 @@ class Belief:
         setpoint_C, soft_for_s = command.heater_setpoint_C, np.full(len(self._watches), np.inf)
         if self.doubt is not None and command.soft_for_s.size:
             soft_for_s = command.soft_for_s
-        asked = zip(self._watches, setpoint_C.tolist(), soft_for_s.tolist(), strict=True)
-        sent_C = np.array([watch.sent_C(asked_C, for_s) for watch, asked_C, for_s in asked])
+        allowed_C = setpoint_C.copy()
+        for j, watch in enumerate(self._watches):
+            watch.soft_for_s = float(soft_for_s[j])
+            allowed_C[j] = watch.allowed_C(float(setpoint_C[j]))
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
-        return replace(command, heater_setpoint_C=sent_C)
+        return replace(command, heater_setpoint_C=allowed_C)
 
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
         """Refuse to drive nearer to something than the guard allows, or into itself."""

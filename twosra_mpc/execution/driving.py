@@ -108,9 +108,7 @@ class Driving:
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
-        command = Command(
-            run.setpoint_C, period_s, shape(wheels), mode, planned, course.soft_for_s
-        )
+        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, course.soft_for_s)
         if not over:
             pace = min(slower, self.patience.tube / off) if off else slower
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)

@@ -34,7 +34,7 @@ _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
 _ENDS = 1.05  # of the ranges: segments at their ends
 _SURELY, _LIKELY = 2.5, 1.0  # deviations; of metal by known heat alone
-_CLEARLY = 0.5  # deviations; of what metal is beyond a plateau: neighbours do not err so much alike
+CLEARLY = 0.5  # deviations; of what metal is beyond a plateau: neighbours do not err so much alike
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
 _STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
@@ -257,11 +257,10 @@ class HeatBelief(ArrayValue):
         """True if the metal may be liquid."""
         return self.levels[1] >= self.kinds.nominal.liquid_level
 
-    @property
-    def stays_liquid_s(self) -> float:
-        """Time for which the metal stays liquid without heat; 0 if it may not be liquid."""
+    def stays_liquid_s(self, deviations: float = CLEARLY) -> float:
+        """Time for which metal so much colder stays liquid without heat; 0 if it is not liquid."""
         nominal, (middle, deviation) = self.kinds.nominal, self._level
-        if (low := middle - _CLEARLY * deviation) < nominal.liquid_level:
+        if (low := middle - deviations * deviation) < nominal.liquid_level:
             return 0.0
         return nominal.time_until(self._state_at(low), 0.0, nominal.liquid_level)
 
@@ -269,7 +268,7 @@ class HeatBelief(ArrayValue):
     def clearly_solid(self) -> bool:
         """True if the metal is solid."""
         middle, deviation = self._level
-        return middle + _CLEARLY * deviation <= self.kinds.nominal.solid_level
+        return middle + CLEARLY * deviation <= self.kinds.nominal.solid_level
 
     @property
     def surely_liquid(self) -> bool:

@@ -17,7 +17,7 @@ from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.errors import RobotError
 from twosra_mpc.execution.healthy_segments import Heat
-from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
+from twosra_mpc.execution.heat_belief import CLEARLY, HeatBelief, heat_belief
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model
@@ -50,6 +50,7 @@ _USUAL, _AS_EVER = 200, 1.8  # readings that move, and how much more or less oth
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
+_QUICKENS, _QUICKENS_K = 3, 0.1  # of them, and by so much the later ones rise more
 _UNLIKE_S = 3.0  # after which what no healthy segment shows is not believed
 _USUAL_DOUBT, _USUAL_OFF = 0.12, 0.8  # of healthy ones for long; with the heater off: no hurry
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
@@ -105,6 +106,7 @@ class SegmentWatch:
 
     Attributes:
         doubted: True if it did not bend although it was called soft: its sensor may show too much.
+        soft_for_s: Time for which it must stay soft; inf: nobody knows.
         belief: About its heat; None of a robot that does not describe, or not report, it.
     """
 
@@ -130,14 +132,13 @@ class SegmentWatch:
         """
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater, self._air_C = robot.heater, air_C
-        self.doubted = False
+        self.doubted, self.soft_for_s = False, math.inf
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
         self._start_C = air_C if start_C is None else start_C
         self.belief: HeatBelief | None = None
         if robot.describes_heat and reports:
             self.belief = heat_belief(robot, air_C, segment, self._start_C)
         self._asked: Asked = "rigid"
-        self._sent_C = robot.heater.rigid_setpoint_C
         self._stretch, self._begun_s = _Stretch(), dict[str, tuple[float, float]]()
         self._hot, self._last_C, self._coldest_C = 0, math.inf, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
@@ -169,7 +170,19 @@ class SegmentWatch:
     @property
     def coasts_s(self) -> float:
         """Time for which the segment surely stays soft without heat."""
-        return 0.0 if self.belief is None or self.doubted else self.belief.stays_liquid_s
+        return self._stays_liquid_s(CLEARLY)
+
+    def _stays_liquid_s(self, deviations: float) -> float:
+        known = self.belief is not None and not self.doubted
+        return self.belief.stays_liquid_s(deviations) if self.belief is not None and known else 0.0
+
+    @property
+    def _leaves_plateau(self) -> bool:
+        """True if the reading rises faster and faster: one that catches up becomes slower."""
+        if len(self._recent_C) < 2 * _QUICKENS + 1:
+            return False
+        before_C, middle_C, now_C = list(self._recent_C)[::-_QUICKENS][2::-1]
+        return now_C - 2 * middle_C + before_C >= _QUICKENS_K
 
     @property
     def clearly_solid(self) -> bool:
@@ -181,20 +194,18 @@ class SegmentWatch:
         """Change of the reading in the last seconds: metal that melts or freezes stands still."""
         return self._recent_C[-1] - self._recent_C[0] if self._recent_C else 0.0
 
-    def sent_C(self, setpoint_C: float, soft_for_s: float = math.inf) -> float:
-        """Set-point that is sent where this one is asked for, to be soft for so long.
+    def allowed_C(self, setpoint_C: float) -> float:
+        """Set-point that may be sent where this one is asked for.
 
-        Heat beyond that must be lost before metal freezes. A sensor that shows too much makes its
-        controller hold metal that is still melting, with little current: a segment that was doubted
-        is asked for more until it must be liquid.
+        Heat that metal does not need must be lost before it freezes. A sensor that shows too much
+        makes its controller hold metal that is still melting, with little current: a segment that
+        was doubted is asked for more until it must be liquid.
         """
-        coasts = self.coasts_s >= soft_for_s
-        if coasts or (self.belief is not None and self.belief.cut):
-            self._sent_C = min(setpoint_C, self._heater.rigid_setpoint_C)
-        else:
-            melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
-            self._sent_C = setpoint_C + _MORE_K * melts
-        return self._sent_C
+        coasts_s = self._stays_liquid_s(0.0 if self._leaves_plateau else CLEARLY)
+        if coasts_s >= self.soft_for_s or (self.belief is not None and self.belief.cut):
+            return min(setpoint_C, self._heater.rigid_setpoint_C)
+        melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
+        return setpoint_C + _MORE_K * melts
 
     def take(
         self,
@@ -224,7 +235,7 @@ class SegmentWatch:
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
         shown_C = temperature_C if sound else None
-        passed_s = self._account_for(time_s, shown_C, current_A)
+        passed_s = self._account_for(time_s, setpoint_C, shown_C, current_A)
         if not sound:
             return
         self._check_life(temperature_C, (self._before_C, self._last_C))
@@ -240,7 +251,7 @@ class SegmentWatch:
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         if self.belief is not None:
             self._check_likeness(passed_s, temperature_C, self.belief)
-        heats = self._sent_C >= setpoint_C
+        heats = self.allowed_C(setpoint_C) >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
         self._check_progress(time_s, temperature_C, stiffness, heats)
 
@@ -257,7 +268,7 @@ class SegmentWatch:
         return time_s - self._begun_s.setdefault(name, (time_s, here_C))[0]
 
     def _account_for(
-        self, time_s: float, shown_C: float | None, current_A: float | None
+        self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
     ) -> float:
         """Account for the heat of the time that has passed, which is returned."""
         first = math.isnan(self._taken_s)
@@ -266,7 +277,7 @@ class SegmentWatch:
             return passed_s
         if first and shown_C is not None:
             self.belief = self.belief.begun(shown_C, self._start_C)
-        heat = self._heat_of(passed_s, shown_C, current_A)
+        heat = self._heat_of(passed_s, setpoint_C, shown_C, current_A)
         self.belief = self.belief.take(heat, shown_C)
         if shown_C is not None and time_s >= self._recent_s + _APART_S:
             self._recent_C.append(shown_C)
@@ -278,10 +289,10 @@ class SegmentWatch:
         return passed_s
 
     def _heat_of(
-        self, passed_s: float, shown_C: float | None, current_A: float | None
+        self, passed_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
     ) -> Heat:
         """Heat since the last reading: as told, or by a switch at the set-point in force."""
-        heater, sent_C = self._heater, self._sent_C
+        heater, sent_C = self._heater, self.allowed_C(setpoint_C)
         now_C = self._last_C if shown_C is None else shown_C
         soft, before_C = self._asked == "soft", min(self._last_C, _HOTTEST_C)
         if current_A is not None:
