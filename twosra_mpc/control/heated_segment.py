@@ -3,8 +3,8 @@
 A run takes a segment for soft or rigid when its controller says so by its sensor (`stiffness`), or,
 as it knows the metal, too, when metal that is surely liquid, or solid, has left the plateau. So it
 knows later than the metal changes. A melt is not begun before the robot is done with what it must
-be rigid for, only warmed up; and a heater goes off when the robot is done with what it must be soft
-for, so that liquid metal has all its heat to lose yet.
+be rigid for, only warmed up; and metal is no hotter than it must be to stay soft for as long as it
+shall bend, and surely so, so that it has a little heat to lose yet when that is done.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from twosra_mpc.thermal.uncertainty import Windows
 
 LONGEST_STEP_S = 0.2  # the controller must be called at least so often
 _LONGEST_S = 3600.0  # of a change that is waited for
+_COASTS_S = 14.0  # after a bend, until metal freezes: 7 to 21 s in runs of the published problems
 
 
 @dataclass(eq=False)
@@ -182,7 +183,10 @@ def _windows(
                 break
         return passed_s
 
-    melted_s, frozen_s = passed_s(heater.soft_setpoint_C, "soft"), passed_s(off_C, "rigid")
+    melted_s = passed_s(heater.soft_setpoint_C, "soft")
+    while _stays_s(segment) > _COASTS_S:
+        segment.advance(off_C, LONGEST_STEP_S)
+    frozen_s = passed_s(off_C, "rigid")
     hot = model.propagate(cold, full_A, melted_s)  # as a plan has it
     if model.level(hot) < model.level_at(heater.soft_setpoint_C):
         freezes_s = model.time_until(hot, 0.0, model.solid_level)
@@ -197,8 +201,13 @@ def _windows(
 
 def _clearly(segment: HeatedSegment, moved_K: float) -> Stiffness | None:
     """Stiffness of a segment to whoever knows its metal; None: that is not clear yet."""
-    model, state = segment.model, segment.state
-    level, stays_s = model.level(state), 0.0
-    if level > model.liquid_level:
-        stays_s = model.time_until(state, 0.0, model.liquid_level)
-    return clearly(stays_s, level <= model.solid_level, moved_K)
+    solid = segment.model.level(segment.state) <= segment.model.solid_level
+    return clearly(_stays_s(segment), solid, moved_K)
+
+
+def _stays_s(segment: HeatedSegment) -> float:
+    """Time for which the metal stays liquid without heat."""
+    liquid_level = segment.model.liquid_level
+    if segment.model.level(segment.state) <= liquid_level:
+        return 0.0
+    return segment.model.time_until(segment.state, 0.0, liquid_level)

@@ -47,9 +47,10 @@ CLEARLY_SOLID_K = 2.5
 SURELY_LIQUID_K = 1.0  # of the estimate: the melting point may be higher
 SURELY_SOLID_K = 8.0  # of the estimate: coils heat up to a third faster than the observer knows
 
-CLEARLY_S = 12.0  # for which metal surely stays soft without heat that is soft clearly
-MOVED_K, WITHIN_S = 1.0, 20.0  # of a reading that does not stand still as metal does that changes
-_WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
+CLEARLY_S = 2.0  # for which metal stays soft without heat that is soft clearly
+RISEN_K, FALLEN_K = 0.7, 0.25  # of a reading that does not stand still as metal does that changes,
+WITHIN_S = 20.0  # within which it does
+_WARM_SHARE = 0.9  # of the way from the air to where a segment may begin to melt, as observed
 
 _CORRECTION_PER_S = 0.05  # a tenth of where it turns unstable, with lags of 4 s and 4 s
 
@@ -249,13 +250,13 @@ def clearly(stays_liquid_s: float, solid: bool, moved_K: float) -> Stiffness | N
     """Stiffness to whoever knows the metal; None: that is not clear yet.
 
     Args:
-        stays_liquid_s: Time for which it is surely liquid without heat.
-        solid: True if it is surely solid.
+        stays_liquid_s: Time for which it stays liquid without heat.
+        solid: True if it is solid.
         moved_K: Rise of its reading within `WITHIN_S`.
     """
-    if stays_liquid_s >= CLEARLY_S and moved_K >= MOVED_K:
+    if stays_liquid_s >= CLEARLY_S and moved_K >= RISEN_K:
         return "soft"
-    return "rigid" if solid and moved_K <= -MOVED_K else None
+    return "rigid" if solid and moved_K <= -FALLEN_K else None
 
 
 def warm_setpoint_C(robot: Robot, air_C: float) -> float:

@@ -362,7 +362,7 @@ class Belief:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
         watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
         goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
-        solid = self.doubt is not None and watch.surely_solid
+        solid = self.doubt is not None and watch.clearly_solid
         if known := "soft" if goes_on else clearly(coasts_s, solid, watch.moved_K):
             return known
         return "changing" if reported == "soft" and not watch.may_be_soft else reported
@@ -384,7 +384,8 @@ class Belief:
         told_in, seen_at = self._compared
         seen = self.q - (seen_at if told_in == mode else before)
         self._compared = mode, self.q.copy()
-        self.doubtful = self.doubt.take(self.now_s, mode, after - before, seen)
+        moved = after - before
+        self.doubtful = self.doubt.take(self.now_s, mode, moved, seen, self.deviation)
 
     def seen_at_rest(self) -> Array:
         """Change of q since the robot was compared last with what it was told, (3 + n,)."""
@@ -406,9 +407,13 @@ class Belief:
         if command.mode is not None:
             self._keep_clear(command.mode, command.wheel_rad_s)
         self._lately.append((self.now_s, self.q))
-        setpoint_C = command.heater_setpoint_C
-        watched = zip(self._watches, setpoint_C, strict=True)
-        allowed_C = np.array([watch.allowed_C(float(asked_C)) for watch, asked_C in watched])
+        setpoint_C, soft_for_s = command.heater_setpoint_C, np.full(len(self._watches), np.inf)
+        if self.doubt is not None and command.soft_for_s.size:
+            soft_for_s = command.soft_for_s
+        allowed_C = setpoint_C.copy()
+        for j, watch in enumerate(self._watches):
+            watch.soft_for_s = float(soft_for_s[j])
+            allowed_C[j] = watch.allowed_C(float(setpoint_C[j]))
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
         return replace(command, heater_setpoint_C=allowed_C)
 

@@ -109,7 +109,8 @@ class Looking:
         left = (belief.deviation > self.deviation).any() and belief.now_s < self._end_s - 1e-9
         if not left or belief.reading.stiffness != self._stiffness:
             return self.then()
-        return rest(belief, belief.setpoint_C, _LOOK_PERIODS * belief.camera.period_s)
+        period_s = _LOOK_PERIODS * belief.camera.period_s
+        return rest(belief, belief.setpoint_C, period_s, belief.command)
 
 
 def look_at_objects(belief: Belief, then: Callable[[], Next]) -> Next:
@@ -126,12 +127,25 @@ def look_at_robot(belief: Belief, then: Callable[[], Next]) -> Looking:
     return Looking(belief, patience.certain * accuracy, patience.look_s, then)
 
 
+class Along(Protocol):
+    """A course, or a command on it: where the plan is, and how long metal must stay soft."""
+
+    @property
+    def planned(self) -> Array:
+        """As `Command` has it."""
+
+    @property
+    def soft_for_s(self) -> Array:
+        """The same."""
+
+
 def rest(
-    belief: Belief, setpoint_C: Array, at_most_s: float, planned: Array | None = None
+    belief: Belief, setpoint_C: Array, at_most_s: float, along: Along | None = None
 ) -> Command:
-    """A command to stand; ``planned`` is where the plan is, by default where it was."""
-    planned = belief.command.planned if planned is None else planned
-    return Command(setpoint_C, at_most_s, planned=planned)
+    """A command to stand: along a course, or where the plan was, and what is soft stays so."""
+    if along is None:
+        return Command(setpoint_C, at_most_s, planned=belief.command.planned)
+    return Command(setpoint_C, at_most_s, planned=along.planned, soft_for_s=along.soft_for_s)
 
 
 @public

@@ -23,6 +23,8 @@ from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
 
+_LONGER_S = 4.0  # than planned a segment may have to stay soft before that is known
+
 
 class Course:
     """A plan on its way.
@@ -72,6 +74,15 @@ class Course:
         before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
         early = item.to == "rigid" and before > 0  # the plan let it coast
         return self.done >= before and (early or self.clock_s >= item.heater_s - SAME_TIME_S)
+
+    @property
+    def soft_for_s(self) -> Array:
+        """Time for which segments must stay soft, (n,); inf: nobody knows."""
+        left_s = np.full(len(self.plan.problem.start_mode), np.inf)
+        for item in reversed(self.plan.transitions):
+            if item.to == "rigid" and not self._commanded(item):
+                left_s[item.segment - 1] = item.onset_s - self.clock_s
+        return left_s + _LONGER_S
 
     def end(self, phase: Phase) -> None:
         """End a phase; the clock goes on to its end, if it is not there yet."""
@@ -165,7 +176,7 @@ class Waiting:
             return other
         left_s, rest_s = until_s - course.clock_s, course.belief.patience.rest_s
         rest_s = min(left_s, rest_s) if left_s > SAME_TIME_S else rest_s
-        return rest(course.belief, policy.setpoint_C, rest_s, course.planned)
+        return rest(course.belief, policy.setpoint_C, rest_s, course)
 
     def _learnt(self) -> str:
         """News since it was asked last, in words; empty if there are none."""

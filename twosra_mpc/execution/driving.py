@@ -108,7 +108,7 @@ class Driving:
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
-        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned)
+        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, course.soft_for_s)
         if not over:
             pace = min(slower, self.patience.tube / off) if off else slower
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
@@ -122,12 +122,12 @@ class Driving:
         belief, course, mode = self.belief, self.course, self.phase.mode
         if belief.mode != mode:
             held_C = course.held(self.run.setpoint_C, mode)
-            return rest(belief, held_C, self.patience.rest_s, course.planned)
+            return rest(belief, held_C, self.patience.rest_s)
         if not belief.blind:
             return None
         if belief.gives_up_seeing:
             raise UnseenError(belief.unseen)
-        return rest(belief, self.run.setpoint_C, belief.camera.period_s, course.planned)
+        return rest(belief, self.run.setpoint_C, belief.camera.period_s, course)
 
     def ended(self) -> Next:
         """Average camera frames at rest, where the end of the phase matters for the goal."""

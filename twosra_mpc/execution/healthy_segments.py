@@ -105,6 +105,13 @@ class Kinds(ArrayValue):
         """Number of parameters p."""
         return len(self.middle)
 
+    @property
+    def described(self) -> Array:
+        """Point of the segment as described, and of the middle of what is not, (p,)."""
+        described = self.middle.copy()
+        described[: len(self.names)] = [getattr(self.nominal, name) for name in self.names]
+        return (described - self.middle) / self.half
+
     def is_solid(self, shown_C: float) -> bool:
         """True if a reading is surely of solid metal."""
         return shown_C < thresholds_C(self.nominal)[0] - _SOLID_K

@@ -34,11 +34,13 @@ _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
 _ENDS = 1.05  # of the ranges: segments at their ends
 _SURELY, _LIKELY = 2.5, 1.0  # deviations; of metal by known heat alone
+CLEARLY = 0.5  # deviations; of what metal is beyond a plateau: neighbours do not err so much alike
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
 _STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
+_TURNS, _TURNED_K = 4, 0.15  # readings over which those of metal that has set fall by so much
 _QUIET_S = 60.0  # after which metal is at rest
 _UNKNOWN_S = 2.0  # of full heat, after which liquid metal is as warm as the reading has it
 _EVERY_S, _OFF_EVERY_S = 0.9, 2.9  # between readings that say something new
@@ -231,8 +233,13 @@ class HeatBelief(ArrayValue):
     @cached_property
     def levels(self) -> tuple[float, float]:
         """Lowest and highest level of the metal, as the nominal model's."""
-        middle, deviation = self._estimate(self.fit.segments.level)
+        middle, deviation = self._level
         return middle - _SURELY * deviation, middle + self.surely * deviation
+
+    @property
+    def _level(self) -> tuple[float, float]:
+        """Most probable level of the metal, as the nominal model's, and its standard deviation."""
+        return self._estimate(self.fit.segments.level)
 
     @property
     def metal_C(self) -> tuple[float, float]:
@@ -243,25 +250,25 @@ class HeatBelief(ArrayValue):
     @property
     def state(self) -> State:
         """Most probable state, as the nominal model's."""
-        return self._state_at(self._estimate(self.fit.segments.level)[0])
+        return self._state_at(self._level[0])
 
     @property
     def may_be_liquid(self) -> bool:
         """True if the metal may be liquid."""
         return self.levels[1] >= self.kinds.nominal.liquid_level
 
-    @property
-    def stays_liquid_s(self) -> float:
-        """Time for which the metal surely stays liquid without heat; 0 if it may not be liquid."""
-        nominal, low = self.kinds.nominal, self.levels[0]
-        if low < nominal.liquid_level:
+    def stays_liquid_s(self, deviations: float = CLEARLY) -> float:
+        """Time for which metal so much colder stays liquid without heat; 0 if it is not liquid."""
+        nominal, (middle, deviation) = self.kinds.nominal, self._level
+        if (low := middle - deviations * deviation) < nominal.liquid_level:
             return 0.0
         return nominal.time_until(self._state_at(low), 0.0, nominal.liquid_level)
 
     @property
-    def surely_solid(self) -> bool:
-        """True if the metal is solid for sure."""
-        return self.levels[1] <= self.kinds.nominal.solid_level
+    def clearly_solid(self) -> bool:
+        """True if the metal is solid."""
+        middle, deviation = self._level
+        return middle + CLEARLY * deviation <= self.kinds.nominal.solid_level
 
     @property
     def surely_liquid(self) -> bool:
@@ -278,7 +285,8 @@ class HeatBelief(ArrayValue):
         if heat.off != before.off and before.passed_s >= _EVERY_S:
             now, before = self._compared(before, self.shown_C), NONE
         both = before.then(heat)
-        if both.passed_s >= (_OFF_EVERY_S if both.off else _EVERY_S):
+        rarely = both.off and (shown_C is None or not self._sets(shown_C))
+        if both.passed_s >= (_OFF_EVERY_S if rarely else _EVERY_S):
             return now._compared(both, shown_C)
         return replace(now, heat=both, shown_C=shown_C)
 
@@ -295,12 +303,19 @@ class HeatBelief(ArrayValue):
         part = 1 - (1 - 1 / _LAST) ** heat.passed_s
         now = replace(now, square_K2=self.square_K2 + part * (square_K2 - self.square_K2))
         far = now.off_K > _FAR_K or np.abs(now.step).max() > _FAR * _KNOWN
-        if (far and now.wait <= 0) or now.off_K > _DOUBT_K or now.cost > _UNLIKE_COST:
+        doubtful = now.off_K > _DOUBT_K or now.cost > _UNLIKE_COST
+        if (far and now.wait <= 0) or doubtful or now._sets(shown_C):
             now = now._searched(shown_C)
         if self.kinds.is_solid(shown_C) or self.kinds.is_liquid(shown_C):
             now = replace(now, blind=now.fit)
         now = now._judged()
         return now._begun_anew(shown_C) if now.off_K < _FAR_K and now._rests(shown_C) else now
+
+    def _sets(self, shown_C: float) -> bool:
+        """True if metal of some kinds is solid, of others not, and the reading tells which."""
+        before_C = self.since[-_TURNS:][0][1] if self.since else None
+        turned = self.quiet_s > 0.0 and before_C is not None and before_C - shown_C > _TURNED_K
+        return turned and self.levels[0] < self.kinds.nominal.solid_level < self.levels[1]
 
     def _rests(self, shown_C: float) -> bool:
         """True if a reading tells the metal's heat, or the heater's does not any more."""
@@ -396,7 +411,7 @@ class HeatBelief(ArrayValue):
         least = np.full(self.kinds.size, _KNOWN * min(1.0, math.sqrt(passed_s / _KNOWN_S)))
         least[-2:] = _PRIOR
         covariance += np.diag(least**2)
-        metal_C = self._at_C(self._estimate(self.fit.segments.level)[0])
+        metal_C = self._at_C(self._level[0])
         start = self.kinds.start(shown_C, metal_C, self.surely_liquid)
         return self._anew(start, Prior(mean, _inverse(covariance)), covariance)
 
@@ -409,9 +424,8 @@ class HeatBelief(ArrayValue):
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
     kinds = healthy_kinds(robot, air_C, segment)
-    none, start = np.zeros(kinds.size), kinds.start(start_C, start_C)
-    prior = Prior(none, np.eye(kinds.size) / _PRIOR**2)
-    covariance = _inverse(prior.precision)
-    fit = _fit(kinds, start, covariance, none[None])
+    prior = Prior(kinds.described, np.eye(kinds.size) / _PRIOR**2)
+    covariance, start = _inverse(prior.precision), kinds.start(start_C, start_C)
+    fit = _fit(kinds, start, covariance, prior.mean[None])
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K
-    return HeatBelief(kinds, cut_C, prior, start, fit, fit, none, covariance)
+    return HeatBelief(kinds, cut_C, prior, start, fit, fit, np.zeros(kinds.size), covariance)

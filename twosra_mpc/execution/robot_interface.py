@@ -157,6 +157,7 @@ class Command(ArrayValue):
         wheel_rad_s: Wheel speeds, (4,).
         mode: Mode in which the wheels are driven; None while they stand.
         planned: Where the plan is now, (3 + n,); empty without one.
+        soft_for_s: Time for which segments must stay soft, (n,); inf, or empty: nobody knows.
     """
 
     heater_setpoint_C: Array
@@ -164,6 +165,7 @@ class Command(ArrayValue):
     wheel_rad_s: Array = field(default_factory=still)
     mode: Mode | None = None
     planned: Array = field(default_factory=lambda: np.empty(0))
+    soft_for_s: Array = field(default_factory=lambda: np.empty(0))
 
 
 class RobotInterface(Protocol):

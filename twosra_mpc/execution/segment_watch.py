@@ -17,7 +17,7 @@ from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.errors import RobotError
 from twosra_mpc.execution.healthy_segments import Heat
-from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
+from twosra_mpc.execution.heat_belief import CLEARLY, HeatBelief, heat_belief
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model
@@ -50,6 +50,7 @@ _USUAL, _AS_EVER = 200, 1.8  # readings that move, and how much more or less oth
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
+_QUICKENS, _QUICKENS_K = 3, 0.1  # of them, and by so much the later ones rise more
 _UNLIKE_S = 3.0  # after which what no healthy segment shows is not believed
 _USUAL_DOUBT, _USUAL_OFF = 0.12, 0.8  # of healthy ones for long; with the heater off: no hurry
 _HELD_K = 0.25  # above the set-point is a reading about which a switch holds metal
@@ -105,6 +106,7 @@ class SegmentWatch:
 
     Attributes:
         doubted: True if it did not bend although it was called soft: its sensor may show too much.
+        soft_for_s: Time for which it must stay soft; inf: nobody knows.
         belief: About its heat; None of a robot that does not describe, or not report, it.
     """
 
@@ -130,7 +132,7 @@ class SegmentWatch:
         """
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater, self._air_C = robot.heater, air_C
-        self.doubted = False
+        self.doubted, self.soft_for_s = False, math.inf
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
         self._start_C = air_C if start_C is None else start_C
         self.belief: HeatBelief | None = None
@@ -168,12 +170,24 @@ class SegmentWatch:
     @property
     def coasts_s(self) -> float:
         """Time for which the segment surely stays soft without heat."""
-        return 0.0 if self.belief is None or self.doubted else self.belief.stays_liquid_s
+        return self._stays_liquid_s(CLEARLY)
+
+    def _stays_liquid_s(self, deviations: float) -> float:
+        known = self.belief is not None and not self.doubted
+        return self.belief.stays_liquid_s(deviations) if self.belief is not None and known else 0.0
 
     @property
-    def surely_solid(self) -> bool:
-        """True if all of the metal is solid for sure."""
-        return self.belief is not None and self._asked != "soft" and self.belief.surely_solid
+    def _leaves_plateau(self) -> bool:
+        """True if the reading rises faster and faster: one that catches up becomes slower."""
+        if len(self._recent_C) < 2 * _QUICKENS + 1:
+            return False
+        before_C, middle_C, now_C = list(self._recent_C)[::-_QUICKENS][2::-1]
+        return now_C - 2 * middle_C + before_C >= _QUICKENS_K
+
+    @property
+    def clearly_solid(self) -> bool:
+        """True if all of the metal is solid."""
+        return self.belief is not None and self._asked != "soft" and self.belief.clearly_solid
 
     @property
     def moved_K(self) -> float:
@@ -183,10 +197,12 @@ class SegmentWatch:
     def allowed_C(self, setpoint_C: float) -> float:
         """Set-point that may be sent where this one is asked for.
 
-        A sensor that shows too much makes its controller hold metal that is still melting, with
-        little current: a segment that was doubted is asked for more until it must be liquid.
+        Heat that metal does not need must be lost before it freezes. A sensor that shows too much
+        makes its controller hold metal that is still melting, with little current: a segment that
+        was doubted is asked for more until it must be liquid.
         """
-        if self.belief is not None and self.belief.cut:
+        coasts_s = self._stays_liquid_s(0.0 if self._leaves_plateau else CLEARLY)
+        if coasts_s >= self.soft_for_s or (self.belief is not None and self.belief.cut):
             return min(setpoint_C, self._heater.rigid_setpoint_C)
         melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
         return setpoint_C + _MORE_K * melts

@@ -63,7 +63,7 @@ class Patience(Value):
     blind_s: Positive = 0.5  # at 0.05 m/s: 25 mm
     unseen_s: Positive = 2.0  # later frames are of no use to the filter; 18 frames at 9 Hz
     near_enough: Positive = 0.3
-    finest: Positive = 3e-5
+    finest: Positive = 0.05
     loose: Positive = 3.0
     tube: Positive = 5.0
     stuck: Positive = 0.7

@@ -115,7 +115,7 @@ class _Phase:
         ready = policy.ready(mode, course.clock_s)
         if not ready:
             setpoint_C = course.held(policy.setpoint_C, mode)
-            return rest(belief, setpoint_C, belief.patience.rest_s, course.planned)
+            return rest(belief, setpoint_C, belief.patience.rest_s, course)
         order = self._orders.pop(0)
         command = Command(
             policy.setpoint_C, belief.camera.period_s, order.wheel_rad_s, mode, course.planned
