@@ -379,14 +379,21 @@ def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
     assert "certificate" not in load_plan(file).to_dict()
 
 
-def test_of_a_mission_both_numbers_are_told(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["pick-and-place", "rigid-move"])
+def test_what_is_planned_with_proof_reports_what_is_proved(
+    name: str, run: Run, tmp_path: Path
+) -> None:
+    """Of both the search proves more: its own bound is printed, and the file is verified."""
     file = tmp_path / "plan.json"
-    assert run("plan", "pick-and-place", "--proof", "--out", str(file))[0] == 0
-    code, text, _ = run("verify", str(file), "--proof")
-    assert code == 0
-    assert "more than is proved" in " ".join(text.split())
+    code, text, _ = run("plan", name, "--proof", "--out", str(file))
     document = json.loads(file.read_text())
-    document["certificate"]["bound_s"] = document["lower_bound_s"]
+    proof, lower_s = document["certificate"], document["lower_bound_s"]
+    assert code == 0
+    assert document["status"] == "feasible"
+    assert lower_s == proof["bound_s"] < 0.9995 * proof["target_s"]
+    assert f"of the search's {proof['target_s']:.2f} s" in " ".join(text.split())
+    assert run("verify", str(file), "--proof")[0] == 0
+    document["certificate"]["bound_s"] = proof["target_s"]
     file.write_text(json.dumps(document))
     assert run("verify", str(file), "--proof")[0] == 4
 

@@ -25,14 +25,12 @@ from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.files import attributes, read_bytes, text_of
 from twosra_mpc.installation import require
 from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.problem.tolerances import UNPROVED
 
 if TYPE_CHECKING:
     from twosra_mpc.checking.certificate import Proof
     from twosra_mpc.plans.plan import Plan
 
-# Share of a reported bound that a certificate may leave open: of a mission what touches add is only
-# claimed, as certificates do not know them.
-_UNPROVED, _UNPROVED_OF_MISSIONS = 5e-4, 1.0
 _ROUNDING = 1e-9  # relative
 
 
@@ -88,24 +86,17 @@ def _with_proof(found: PlanCheck) -> PlanCheck:
         raise InputError("certificate", MISSING, "a plan that was made with --proof")
     proof, claimed = check(result.problem, result.certificate), result.certificate.get("bound_s")
     cost = math.inf if result.plan is None else result.plan.cost.total
-    mission = any(task.rests for task in result.problem.tasks)
-    share = 1 - (_UNPROVED_OF_MISSIONS if mission else _UNPROVED)
-    checks = [*_proved(proof, claimed, result.lower_bound or 0.0, cost, share)]
+    checks = [*_proved(proof, claimed, result.lower_bound or 0.0, cost)]
     if result.plan is not None and result.plan.confirmed_lower_bound is not None:
-        checks.append(_confirmed(result.plan, proof, share))
+        checks.append(_confirmed(result.plan, proof))
     false = (f"{one.name}: {one.found}" for one in checks if not one.ok)
     return replace(found, checks=(*found.checks, *checks), problems=(*found.problems, *false))
 
 
-def _proved(
-    proof: Proof, claimed: object, reported: float, cost: float, share: float
-) -> Iterator[Check]:
-    """Compare what is proved with what is claimed and reported, and with what the plan costs.
-
-    ``share`` of what is reported must be proved.
-    """
+def _proved(proof: Proof, claimed: object, reported: float, cost: float) -> Iterator[Check]:
+    """Compare what is proved with what is claimed and reported, and with what the plan costs."""
     as_claimed = isinstance(claimed, int | float) and proof.bound >= claimed * (1 - _ROUNDING)
-    enough = reported * share
+    enough = reported * (1 - UNPROVED)
     parts = f"{len(proof.parts)} parts"
     text = f"proves {proof.bound:z.3f} s in {parts}; {reported:z.3f} s are reported"
     if (more := reported - proof.bound) > 0:
@@ -120,13 +111,13 @@ def _proved(
         yield Check("contradiction", text, ok=False, margin=-below, unit="s")
 
 
-def _confirmed(plan: Plan, proof: Proof, share: float) -> Check:
+def _confirmed(plan: Plan, proof: Proof) -> Check:
     """Bound anew the time until all is known to be done, by the planner's own search."""
     from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
 
     stated = plan.confirmed_lower_bound or 0.0
     found = confirmed_lower_bound(replace(plan, lower_bound=proof.bound)) or 0.0
-    margin = found - stated * share
+    margin = found - stated * (1 - UNPROVED)
     text = f"{stated:z.3f} s is claimed; {found:z.3f} s is found anew"
     return Check("confirmed bound", text, margin >= 0, margin, "s")
 

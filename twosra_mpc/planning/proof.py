@@ -49,7 +49,7 @@ class Prover:
 
         Returns:
             Plain data: ``opened``, the sequences to open; ``priced``, the leaves that need prices;
-            and ``bound_s``, what that proves.
+            ``bound_s``, what that proves; and ``target_s``.
         """
         problem, opened, numbers = self._problem, set[ModeSequence](), itertools.count()
         roots = [(checker, checker.root()) for checker in self._checkers]
@@ -74,7 +74,7 @@ class Prover:
                 {"sequence": _listed(leaf), **prices._asdict()}
                 for leaf, prices in sorted(self._prices.items())
             ]
-        return {"bound_s": check(problem, made).bound, **made}
+        return {"bound_s": check(problem, made).bound, "target_s": target_s, **made}
 
     def _leaf_bound(self, checker: Checker, sequence: ModeSequence, enough_s: float) -> float:
         """Bound of a leaf; where that is not enough, with the best prices."""

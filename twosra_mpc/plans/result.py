@@ -26,6 +26,7 @@ from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory, entered_s
 from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
 from twosra_mpc.problem.tasks import passes
+from twosra_mpc.problem.tolerances import UNPROVED
 from twosra_mpc.timing import Transition
 from twosra_mpc.validation import ArrayValue, named_problem
 
@@ -109,6 +110,16 @@ class Result(ArrayValue):
     def stopped_early(self) -> bool:
         """True if a limit or an interrupt ended the search before the asked gap."""
         return self.ending in (Ending.LIMIT, Ending.INTERRUPTED)
+
+    def proved_by(self, certificate: dict[str, Any]) -> Result:
+        """Return the result with a certificate; its lower bound is no more than that proves."""
+        lower = self.lower_bound or 0.0
+        if (proved := certificate["bound_s"]) < (1 - UNPROVED) * lower:
+            lower = proved
+        plan = self.plan and replace(self.plan, lower_bound=lower)
+        made = replace(self, plan=plan, lower_bound=lower, certificate=certificate)
+        short = self.status is Status.OPTIMAL and (made.gap or 0.0) > self.problem.gap
+        return replace(made, status=Status.FEASIBLE) if short else made
 
     def require(self) -> Plan:
         """Return the plan, which is verified.

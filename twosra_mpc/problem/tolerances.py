@@ -57,6 +57,8 @@ LEVEL_TOLERANCE = 1e-7
 """Share of the heat of melting that may lack, besides a model's replay tolerance."""
 TEMPERATURE_TOLERANCE_C, FRACTION_TOLERANCE = 0.02, 2e-3
 """By so much stated temperatures and melt fractions may be others than the currents lead to."""
+UNPROVED = 5e-4
+"""Share of a reported lower bound that a certificate may leave open."""
 CONFIRMED_TOLERANCE = 0.01
 """Share by which two accounts of a confirmed time may differ: melts begin early, or late."""
 ROUNDING = 1e-9
