@@ -64,7 +64,10 @@ class Lumped:
 
     def level_at(self, temperature_C: float) -> float:
         """Enthalpy at a temperature; at the melting point, of the solid [J]."""
-        return self.initial(temperature_C, float(temperature_C > self.melting_point_C))[0]
+        above = temperature_C - self.melting_point_C
+        if above > 0:
+            return self.latent_J + self.heat_liquid_J_per_K * above
+        return self.heat_solid_J_per_K * above
 
     def initial(
         self, temperature_C: float, melt_fraction: float | None = None, body_C: float | None = None
