@@ -122,7 +122,7 @@ def test_published_problems_have_a_policy_near_its_bound(name: str) -> None:
     policy, made = result.policy, result.require()
     assert policy is not None
     assert policy.known_bound <= policy.lower_bound <= policy.cost_s <= 1.2 * policy.lower_bound
-    assert made.verifies
+    assert made.verification.ok
     assert made.lower_bound == pytest.approx(solved(name).lower_bound)
     assert sum(each.probability for each in policy.branches) <= 1.0
     assert all("segment" in words for words in list(policy.sentences)[1:])
