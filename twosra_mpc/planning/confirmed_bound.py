@@ -139,7 +139,7 @@ def least_costs_s(
         known = np.minimum(known, costs.min(axis=0))
         least_s = min(least_s, *map(cost_s, costs))
     alone_s = least_time_s(timing, least_s, Sequences(lambda modes: bent_before(modes) is not None))
-    return alone_s, cost_s(np.minimum(known, alone_s))
+    return alone_s, min(alone_s, cost_s(np.minimum(known, alone_s)))
 
 
 def _melting_s(timing: TransitionModel, bent: tuple[int, ...], once: bool, most_s: float) -> float:
