@@ -270,7 +270,7 @@ def _search(
         return Result(problem, *how, stats, None)
     if (resting := _rest(variants)) is not None:
         return resting
-    inside = problem.workspace is not None  # which guesses may leave between nodes
+    inside = problem.workspace is not None and confirm is None  # which guesses may leave
     solver: SequenceSolver | Placer = SequenceSolver(
         variants, checked if inside else trusted, worth_s
     )

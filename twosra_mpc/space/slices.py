@@ -91,6 +91,9 @@ class FreeSlices:
         one = np.repeat(np.arange(len(self.parts)), count[after])
         start = np.cumsum(count[after]) - count[after]
         other = np.arange(len(one)) - start[one] + self.first[after[one]]
+        low, high = np.split(shapely.bounds(self.parts), 2, axis=1)
+        near = ((low[one] <= high[other]) & (low[other] <= high[one])).all(axis=1)
+        one, other = one[near], other[near]
         charge(Cost.MEETING, len(one))
         shapely.prepare(self.parts)
         meet = shapely.intersects(self.parts[one], self.parts[other])
