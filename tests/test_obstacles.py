@@ -118,11 +118,19 @@ def test_a_mirrored_scene_has_a_mirrored_plan() -> None:
 
 
 @pytest.mark.parametrize("bends", [[0.0, 0.0], [20.0, 0.0]])
-def test_an_obstacle_far_away_costs_nothing(bends: list[float]) -> None:
+def test_obstacles_that_are_not_in_the_way_cost_nothing(bends: list[float]) -> None:
+    """Nor does a wall beside the robot's way, rough by 0.2 mm as scanners give them."""
     goal = {**RIGHT, "kappa_per_m": bends}
-    far, free = solution(problem(FAR, goal=goal)), solution(problem(goal=goal))
-    assert far.require().cost.total == pytest.approx(free.require().cost.total, rel=0.01)
-    assert far.lower_bound == pytest.approx(free.lower_bound, rel=0.01)
+    free = solution(problem(goal=goal)).require()
+    q = free.trajectory.samples.q
+    passed = (placed(footprint(ROBOT.geometry, each[POSE:]).outer, each[None, :POSE]) for each in q)
+    top = max(float(pieces[..., 1].max()) for pieces in passed) + 0.01
+    rough = top + 2e-4 * np.random.default_rng(0).uniform(size=400)
+    corners = [*np.column_stack([np.linspace(0.6, -0.6, 400), rough]).tolist()]
+    wall = {"polygon_m": [[-0.6, top + 0.1], [0.6, top + 0.1], *corners]}
+    found = solution(problem(FAR, wall, goal=goal))
+    assert found.require().cost.total == pytest.approx(free.cost.total, rel=1e-6)
+    assert found.lower_bound == pytest.approx(free.lower_bound, rel=0.01)
 
 
 def test_a_drive_around_a_post_is_longer_than_through_it() -> None:
