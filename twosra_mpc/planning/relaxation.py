@@ -21,8 +21,8 @@ from twosra_mpc.planning.bounds.rigid_motion import least_time
 from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
-from twosra_mpc.planning.shape_plane import cells_of
 from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.solver.shape_plane import cells_of
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
