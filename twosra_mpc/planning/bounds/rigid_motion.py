@@ -36,7 +36,7 @@ from twosra_mpc.robot.coordinates import Array
 
 _PANEL_RAD = 0.06
 _CELLS = 64  # of the time in which all speeds are reached
-_PRICED = (0.8, 0.6, 0.4)  # of g, in further programs
+_PRICED = (0.6, 0.3)  # of g, in further programs
 FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
 _AT_ENDS_RAD = 0.25  # there accelerations have a price
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
@@ -108,7 +108,7 @@ class _Ramps(NamedTuple):
             growth: g on each panel of headings, (k,).
             off: How far panels are from where it starts, and from where it ends, (k,) each [rad].
         """
-        if not len(self.gains):
+        if not len(self.gains) or gained <= 0.0:
             return gained
         cell_s = self.longest_s / _CELLS
         ends = cell_s * np.arange(1, _CELLS + 1)
