@@ -234,16 +234,6 @@ class _Steps:
         return after, error, curvature
 
 
-def displacements(samples: Samples | Sent) -> Array:
-    """Input displacements s = (v + a dt / 2) dt from each row to the next, (m - 1, 5)."""
-    dt = np.diff(samples.t_s)[:, None]
-    moved = samples.a[:-1] * dt  # the rest is done in place: there may be many rows
-    moved /= 2
-    moved += samples.v[:-1]
-    moved *= dt
-    return moved
-
-
 def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     """Runs of samples in one mode on one path: (first, last, way, lengths).
 
@@ -251,7 +241,11 @@ def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     direction, s / |s| of the displacements s with lengths |s|, zero at rest. Where an input turns
     on the way, lengths are times, and a run is as long as it changes evenly.
     """
-    direction, dt = displacements(samples), np.diff(samples.t_s)
+    dt = np.diff(samples.t_s)
+    direction = samples.a[:-1] * dt[:, None]  # the rest is done in place: there may be many rows
+    direction /= 2
+    direction += samples.v[:-1]
+    direction *= dt[:, None]
     lengths = np.linalg.norm(direction, axis=1)
     direction /= np.where(lengths > 0, lengths, 1.0)[:, None]
     breaks = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION

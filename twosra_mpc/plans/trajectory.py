@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
-from twosra_mpc.model.flow import screws, turning, twists
+from twosra_mpc.model.flow import rigid_moves, twists
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.problem import Problem
@@ -200,7 +200,7 @@ class Trajectory(ArrayValue):
         found, turned = self.at(t), self.wheel_travel_rad(t)
         s, poses = np.diff(moved, axis=0, append=moved[-1:]), found.q[:, :POSE]
         v, wheels = s / dt, np.diff(turned, axis=0, append=turned[-1:]) / dt
-        astray = np.abs(screws(poses[:-1, 2], s[:-1, 2:]) - np.diff(poses, axis=0)).max(axis=1)
+        astray = np.abs(rigid_moves(poses[:-1, 2], s[:-1, 2:]) - np.diff(poses, axis=0)).max(axis=1)
         rows = np.flatnonzero((astray > _STRAY) & ~found.mode[:-1].any(axis=1))  # it turns
         v[rows, 2:] = twists(poses[rows], poses[rows + 1], s[rows, 4]) / dt[rows]
         wheels[rows] = wheel_speeds(self.problem.robot, found.q[rows], v[rows], found.mode[rows])
@@ -312,7 +312,7 @@ def flown(robot: Robot, q: Array, s: Array, change: Array, mode: NDArray[np.int6
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
-    reached[rigid, :POSE] += turning(q[rigid, 2], s[rigid, 2:], change[rigid, 2:])
+    reached[rigid, :POSE] += rigid_moves(q[rigid, 2], s[rigid, 2:], change[rigid, 2:])
     if soft.any():
         reached[soft] = flow.flown(robot, q[soft], s[soft], mode[soft])
     return reached
