@@ -22,7 +22,6 @@ from twosra_mpc.planning.planner import Progress, searched
 from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
@@ -37,7 +36,7 @@ def relies(modes: Sequence[Mode]) -> bool:
 
 
 RELYING = Sequences(relies)
-_CORNER = 0.95  # of half of a goal's width: how far from its middle a plan is aimed
+_CORNER = 0.9  # of half of a goal's width: how far from its middle a plan is aimed
 
 
 def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -88,15 +87,12 @@ def _aimed(plan: Plan, bends: Sequence[JointBend]) -> Plan:
         return sum(miss(made, bend) is not None for bend in bends)
 
     best, least, (problem, goal) = plan, misses(plan), (plan.problem, plan.problem.goal)
-    middle, widths = goal.configuration[POSE:], goal.half_width.copy()
-    aside = _CORNER * widths[POSE:] * (-1.0) ** np.arange(len(middle))
-    if not least or not isinstance(goal, Goal) or not np.isfinite(middle).all() or not aside.any():
-        return plan
-    widths[POSE:] *= (1 - _CORNER) / 2
-    for shape in (middle + aside, middle - aside):
-        corner = goal.with_values(kappa_per_m=tuple(shape.tolist()), tolerance=Tolerance.of(widths))
+    middle, width = goal.configuration[POSE:], goal.half_width[POSE:]
+    aside, within_per_m = _CORNER * width * (-1.0) ** np.arange(len(width)), width.min() / 10
+    corners = (middle + aside, middle - aside) if least and aside.all() else ()
+    for shape in corners:
         try:
-            found = _found(problem.with_values(goal=corner))
+            found = _found(problem.with_values(goal=goal.shaped(shape, within_per_m)))
         except InputError:  # it would be where it must not
             continue
         if found is not None:
