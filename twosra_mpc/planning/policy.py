@@ -134,10 +134,11 @@ def _how(own: Sequence[JointBend], others: Sequence[JointBend]) -> str:
     more = [abs(bend.split) > split for bend in own]
     evener = [bend.relaxation > relaxation for bend in own]
     if not all(map(max, more, evener)):
-        even = (f" and evens out by {100 * bend.relaxation:z.0f} %" for bend in own)
-        splits = (f"splits by {100 * bend.split:+z.0f} %" for bend in own)
-        listed = map("".join, zip(splits, even, strict=True))
-        return " or ".join(dict.fromkeys(listed))
+        listed = dict.fromkeys(
+            f"splits by {100 * bend.split:+z.0f} % and evens out by {100 * bend.relaxation:z.0f} %"
+            for bend in own
+        )
+        return " or ".join(listed)
     even = f"evens out by more than {100 * relaxation:z.0f} %" if relaxation else "evens out"
     words = [f"splits by more than {100 * split:z.0f} %"] * any(more) + [even] * any(evener)
     return " or ".join(words)
