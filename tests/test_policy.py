@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -200,26 +200,25 @@ def test_what_is_planned_again_relies_on_nothing_it_did_not_count_with() -> None
     assert plan_again(problem, 400.0).plan is None
 
 
-@pytest.mark.parametrize("risk", [0.0, 1.0, "worst", True])
-def test_risks_that_are_none_are_refused_by_name(risk: object) -> None:
-    with pytest.raises(InputError, match="risk"):
-        load_problem("paper-1", risk=risk)
-
-
-def test_where_more_than_time_counts_there_is_no_risk() -> None:
-    with pytest.raises(InputError, match="risk"):
-        load_problem("doorway", risk="mean")
-    with pytest.raises(InputError, match="risk"):
-        load_problem("paper-1", risk=0.9, heating="least_energy")
-
-
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [("joint_splits", [1.0]), ("joint_splits", []), ("joint_relaxations", [1.5])],
+    ("key", "ask"),
+    [
+        *(
+            ("risk", partial(load_problem, "paper-1", risk=risk))
+            for risk in (0, 1.0, "worst", True)
+        ),
+        ("risk", partial(load_problem, "doorway", risk="mean")),
+        ("risk", partial(load_problem, "paper-1", risk=0.9, heating="least_energy")),
+        ("joint_splits", partial(Uncertainty.parse, {"joint_splits": [1.0]}, "robot")),
+        ("joint_splits", partial(Uncertainty.parse, {"joint_splits": []}, "robot")),
+        ("joint_relaxations", partial(Uncertainty.parse, {"joint_relaxations": [1.5]}, "robot")),
+    ],
 )
-def test_uncertainty_that_is_none_is_refused_by_name(key: str, value: list[float]) -> None:
+def test_risks_and_uncertainty_that_are_none_are_refused_by_name(
+    key: str, ask: Callable[[], object]
+) -> None:
     with pytest.raises(InputError, match=key):
-        Uncertainty.parse({key: value}, "robot")
+        ask()
 
 
 def test_runs_rely_on_no_joint_bend_once_one_has_missed_and_tell_how_it_went(

@@ -7,13 +7,12 @@ with melts and freezes in series. A policy is a plan with that recourse, and its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending, OutOfEffortError, spent
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.bending import bending
@@ -22,7 +21,6 @@ from twosra_mpc.planning.planner import Progress, searched
 from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
@@ -37,7 +35,6 @@ def relies(modes: Sequence[Mode]) -> bool:
 
 
 RELYING = Sequences(relies)
-_CORNER = 0.95  # of half of a goal's width: how far from its middle a plan is aimed
 
 
 def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -69,11 +66,10 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
 
 def _best(plan: Plan) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
-    problem = plan.problem
+    problem, made = plan.problem, plan
     bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
-    made = _aimed(plan, bends)
-    policy = _policy(made, bends)
-    if policy.branches and (other := _found(problem, RELYING)) is not None:
+    policy = _policy(plan, bends)
+    if policy.branches and (other := _relying_on_none(problem)) is not None:
         surer = _policy(other, bends)
         if surer.cost_s < policy.cost_s:
             made, policy = replace(other, lower_bound=plan.lower_bound), surer
@@ -81,41 +77,14 @@ def _best(plan: Plan) -> tuple[Plan, Policy]:
     return made, policy._replace(lower_bound=least_s, known_bound=known_s)
 
 
-def _aimed(plan: Plan, bends: Sequence[JointBend]) -> Plan:
-    """The plan, or one to a corner of the goal, where fewer joint bends miss."""
-
-    def misses(made: Plan) -> int:
-        return sum(miss(made, bend) is not None for bend in bends)
-
-    best, least, (problem, goal) = plan, misses(plan), (plan.problem, plan.problem.goal)
-    middle, widths = goal.configuration[POSE:], goal.half_width.copy()
-    aside = _CORNER * widths[POSE:] * (-1.0) ** np.arange(len(middle))
-    if not least or not isinstance(goal, Goal) or not np.isfinite(middle).all() or not aside.any():
-        return plan
-    widths[POSE:] *= (1 - _CORNER) / 2
-    for shape in (middle + aside, middle - aside):
-        corner = goal.with_values(kappa_per_m=tuple(shape.tolist()), tolerance=Tolerance.of(widths))
-        try:
-            found = _found(problem.with_values(goal=corner))
-        except InputError:  # it would be where it must not
-            continue
-        if found is not None:
-            trajectory = replace(found.trajectory, problem=problem)
-            checked = verify(trajectory)
-            made = replace(found, trajectory=trajectory, verification=checked)
-            if checked.ok and (missing := misses(made)) < least:
-                best, least = replace(made, lower_bound=plan.lower_bound), missing
-    return best
-
-
-def _found(problem: Problem, excluded: Container[ModeSequence] = ()) -> Plan | None:
-    """The best plan, as if joint bends were certain, if any is found.
+def _relying_on_none(problem: Problem) -> Plan | None:
+    """The best plan that relies on no joint bend, if any is found.
 
     Raises:
         KeyboardInterrupt: At Ctrl-C.
         OutOfEffortError: If there is no effort left to look for one.
     """
-    found = searched(problem, excluded=excluded)
+    found = searched(problem, excluded=RELYING)
     if found.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     if found.stopped_early and not found.found:
@@ -165,8 +134,11 @@ def _how(own: Sequence[JointBend], others: Sequence[JointBend]) -> str:
     more = [abs(bend.split) > split for bend in own]
     evener = [bend.relaxation > relaxation for bend in own]
     if not all(map(max, more, evener)):
-        listed = dict.fromkeys(f"{100 * bend.split:+z.0f} %" for bend in own)
-        return f"splits by {' or '.join(listed)}"
+        listed = dict.fromkeys(
+            f"splits by {100 * bend.split:+z.0f} % and evens out by {100 * bend.relaxation:z.0f} %"
+            for bend in own
+        )
+        return " or ".join(listed)
     even = f"evens out by more than {100 * relaxation:z.0f} %" if relaxation else "evens out"
     words = [f"splits by more than {100 * split:z.0f} %"] * any(more) + [even] * any(evener)
     return " or ".join(words)
@@ -214,6 +186,6 @@ def _rest(plan: Plan, phase: int, kappa: Array) -> Plan | None:
         left = plan.rest_at(plan.phases[phase].end_s)
         bent = tuple(bent_back(plan.robot, kappa).tolist())
         start = left.start.with_values(kappa_per_m=bent)
-        return _found(left.with_values(start=start), RELYING)
+        return _relying_on_none(left.with_values(start=start))
     except InputError:  # it would be where it must not
         return None
