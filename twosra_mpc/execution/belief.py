@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.stiffness import KnownStiffness, clearly
+from twosra_mpc.control.stiffness import CLEARLY_S, KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.execution.camera_filter import CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
@@ -361,7 +361,7 @@ class Belief:
     def _believed(self, segment: int, reported: KnownStiffness | None) -> KnownStiffness | None:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
         watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
-        goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
+        goes_on = self._last_known[segment] == "soft" and coasts_s > CLEARLY_S
         solid = self.doubt is not None and watch.clearly_solid
         if known := "soft" if goes_on else clearly(coasts_s, solid, watch.moved_K):
             return known
