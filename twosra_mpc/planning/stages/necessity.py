@@ -20,6 +20,7 @@ import numpy as np
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m, moved_by_bending_m
@@ -165,11 +166,18 @@ def unit_without_way(problem: Problem) -> int | None:
     goal, width = problem.goal.configuration, problem.goal.half_width
     if not problem.obstacles or not np.isfinite(goal).all() or width.max() > _MOST_PER_M:
         return None
-    from twosra_mpc.space.possible import blocked_unit
+    from twosra_mpc.space.possible import blocked_unit, unit_apart
 
-    # Around b0 a unit's centre moves by less than the footprint's radius a radian.
-    geometry = problem.robot.geometry
+    # Around b0 a unit's points move by less than the footprint's radius a radian.
+    geometry, world, start = problem.robot.geometry, problem.world, problem.start.configuration
     radius = footprint(geometry, goal[POSE:]).radius_m
     off_m = float(np.hypot(*width[:2])) + radius * float(width[2])
     off_m += moved_by_bending_m(geometry, width[POSE:])
-    return blocked_unit(geometry, problem.world, problem.start.configuration, goal, off_m)
+    shape = footprint(geometry, start[POSE:])
+    least_m = Separation(shape, world, world.clearance_m).kept_from_m(start[None, :POSE])
+    kept = max(0.0, min(world.clearance_m, least_m) - UNSEEN_M)  # the first leg may keep less
+    unit = blocked_unit(geometry, world, start, goal, off_m, kept)
+    if unit is None:
+        off = off_m, float(width[2] + width[POSE:] @ geometry.lengths_m)
+        unit = unit_apart(geometry, world, (start, goal), off, kept)
+    return unit
