@@ -151,7 +151,8 @@ def what_is_left(run: Following) -> Problem | None:
 
 def has_no_room(problem: Problem, clearance_m: float) -> bool:
     """True if it is proved that no plan keeps so much clearance: a unit has no way with it."""
-    return unit_without_way(problem.with_values(clearance_m=clearance_m)) is not None
+    room = problem.with_values(clearance_m=clearance_m)
+    return unit_without_way(room, wheels=True) is not None
 
 
 def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:

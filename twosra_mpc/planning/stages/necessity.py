@@ -20,7 +20,6 @@ import numpy as np
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m, moved_by_bending_m
@@ -161,8 +160,11 @@ def last_shape(problem: Problem) -> Footprint | None:
     return held if len(held.inner) else None
 
 
-def unit_without_way(problem: Problem) -> int | None:
-    """A locomotion unit, 1 or 2, that is proved to have no way to the goal in any shape."""
+def unit_without_way(problem: Problem, *, wheels: bool = False) -> int | None:
+    """A locomotion unit, 1 or 2, that is proved to have no way to the goal in any shape.
+
+    By its inscribed disc or, with ``wheels``, by all of it at every heading, which takes longer.
+    """
     goal, width = problem.goal.configuration, problem.goal.half_width
     if not problem.obstacles or not np.isfinite(goal).all() or width.max() > _MOST_PER_M:
         return None
@@ -173,11 +175,9 @@ def unit_without_way(problem: Problem) -> int | None:
     radius = footprint(geometry, goal[POSE:]).radius_m
     off_m = float(np.hypot(*width[:2])) + radius * float(width[2])
     off_m += moved_by_bending_m(geometry, width[POSE:])
-    shape = footprint(geometry, start[POSE:])
-    least_m = Separation(shape, world, world.clearance_m).kept_from_m(start[None, :POSE])
-    kept = max(0.0, min(world.clearance_m, least_m) - UNSEEN_M)  # the first leg may keep less
-    unit = blocked_unit(geometry, world, start, goal, off_m, kept)
-    if unit is None:
-        off = off_m, float(width[2] + width[POSE:] @ geometry.lengths_m)
-        unit = unit_apart(geometry, world, (start, goal), off, kept)
-    return unit
+    near = Separation(footprint(geometry, start[POSE:]), world, world.clearance_m)
+    kept = near.kept_from_m(start[None, :POSE])  # as the first leg may keep less
+    if not wheels:
+        return blocked_unit(geometry, world, start, goal, off_m, kept)
+    off = off_m, float(width[2] + width[POSE:] @ geometry.lengths_m)
+    return unit_apart(geometry, world, (start, goal), off, kept)
