@@ -148,20 +148,15 @@ def test_of_all_sequences_the_planner_finds_the_best_that_keeps_its_levers(seed:
 def test_ways_that_keep_all_limits_are_never_called_impossible(seed: int) -> None:
     """Ways at random, each bend as far as is allowed or less; and what is found comes there."""
     rng, facts, modes = np.random.default_rng(seed), bending(ARC), list[Mode]()
-    start = facts.coordinates(rng.uniform(-20, 20, 2))
-    w = start
+    start = w = facts.coordinates(rng.uniform(-20, 20, 2))
     for _ in range(rng.integers(2, 6)):
         mode = MODES[1:][rng.integers(3)]
         way = w + np.linspace(0, rng.uniform(-4, 4), 150)[:, None] * mode
         kappa = np.stack([facts.curvature(way[:, j], j) for j in range(2)], axis=-1)
-        allowed = [
-            n
-            for n in range(2, 150, 4)
-            if bend_margins(ARC, mode, kappa[:n]).min() >= 0
-            and broken_by_shapes(ARC, kappa[:n]) is None
-        ]
-        if allowed:
-            w, modes = way[rng.choice([allowed[-1], *allowed]) - 1], [*modes, mode]
+        ends = range(2, 150, 4)
+        kept = [n for n in ends if bend_margins(ARC, mode, kappa[:n]).min() >= 0]
+        if kept := [n for n in kept if broken_by_shapes(ARC, kappa[:n]) is None]:
+            w, modes = way[rng.choice([kept[-1], *kept]) - 1], [*modes, mode]
     for fineness in (COARSE, FINE)[: 1 + (seed < 3)] if modes else ():
         detours = Detours(partial(cells_of, ARC.body), np.array([start] * 2), np.array([w] * 2))
         found = detours.bends(tuple(modes), fineness)

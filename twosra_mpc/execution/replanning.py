@@ -150,7 +150,12 @@ def what_is_left(run: Following) -> Problem | None:
 
 
 def has_no_room(problem: Problem, clearance_m: float) -> bool:
-    """True if it is proved that no plan keeps so much clearance: a unit has no way with it."""
+    """True if it is proved that no plan keeps so much clearance: a unit has no way with it.
+
+    Nothing is proved of tasks, which may touch what is around.
+    """
+    if problem.tasks:
+        return False
     room = problem.with_values(clearance_m=clearance_m)
     return unit_without_way(room, wheels=True) is not None
 
