@@ -17,8 +17,7 @@ from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled
 from twosra_mpc.planning.solver.guess import correct_end, guess_motion
-from twosra_mpc.planning.solver.sequence_solver import GoalSolver, bends_around
-from twosra_mpc.problem.problem import Alone
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 NEAR = 9e-7  # 1/m, within what goals may be missed by
@@ -130,27 +129,6 @@ def test_what_a_bend_takes_beyond_its_least_is_no_more_than_it_takes() -> None:
 
 
 # --- what goes wrong -----------------------------------------------------------------------------
-
-
-def test_a_curled_shape_is_reached_along_the_curvature_limits() -> None:
-    """In [60, 60] the robot would overlap itself; only bending by way of [60, 27] avoids it."""
-    sequence, shape, curled = (
-        (RIGID, SOFT_2, SOFT_1, SOFT_BOTH, RIGID),
-        (60.0, -20.0),
-        (-33.0, 60.0),
-    )
-    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=shape)
-    goal = Goal(x_m=0.1, y_m=0.0, phi_rad=0.0, kappa_per_m=curled, tolerance="exact")
-    problem = Problem(robot=ROBOT, start=start, goal=goal)
-    alone, bound = Alone(ROBOT, start, goal, None), bound_of(problem, sequence)
-    detour = bends_around(alone, sequence)
-    assert bound is not None
-    assert detour is not None
-    bound = replace(bound, bends=detour, detour=True)
-    found = next(iter(GoalSolver(only_goal(problem))(network_of(problem, sequence), bound)))
-    assert found is not None
-    assert bound.cost <= found[0] <= 1.01 * bound.cost
-    assert bends_around(alone, (RIGID, SOFT_2, SOFT_1, RIGID)) is None  # leaves no choice
 
 
 def test_a_drive_that_mirrors_itself_is_not_held_for_the_best() -> None:
