@@ -5,11 +5,11 @@ A plan is made gentler where that costs no more; a result says what is known, an
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -228,7 +228,7 @@ def _search(
         gap=problem.gap,
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
+        incumbent=lambda: _drive(tree, problem.gap) if solver.in_the_way is None else None,
         look=lambda: None if alone else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=_confirmed,
@@ -256,12 +256,15 @@ def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
     return replace(result, solution=None) if result.ending is Ending.INTERRUPTED else None
 
 
-def _drive(tree: Tree[Solved]) -> tuple[float, Solved] | None:
-    """The better of two guesses to drive without a melt, if that suffices."""
+def _drive(tree: Tree[Solved], gap: float) -> tuple[float, Solved] | None:
+    """A drive without a melt, if that suffices: a screw, or one that turns where that is better."""
     node = tree.root()
-    attempts = tree.solve(node) if tree.leaf_bound(node) < math.inf else iter(())
-    found = filter(None, itertools.islice(attempts, 2))
-    return min(found, key=lambda found: found[0], default=None)
+    least = tree.leaf_bound(node)
+    attempts = tree.solve(node) if least < math.inf else iter(())
+    screw = next(attempts, None)
+    if screw is not None and screw[0] - least <= gap * screw[0]:
+        return screw
+    return min(filter(None, (screw, next(attempts, None))), key=itemgetter(0), default=None)
 
 
 def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
