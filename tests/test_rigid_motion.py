@@ -109,7 +109,7 @@ def test_no_drive_from_rest_to_rest_is_faster_than_the_bound(seed: int) -> None:
         (0, 1, True),
     ):
         turns = (pose[2] - 0.1 * wide, pose[2] + 0.2 * wide)
-        asked = rows, pose[:2], np.full(2, 0.01 * wide), turns, around, at[-1]
+        asked = rows, pose[:2], np.full(2, 0.01 * wide), turns, around, 1.5 * at[-1]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(rigid_motion, "FAR_RAD", 0.0 if around else math.inf)
             bound = least_time(*asked, gained, bool(priced))

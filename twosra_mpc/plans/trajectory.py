@@ -304,15 +304,16 @@ def new_times(times: Array, known: Array) -> Array:
     return times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
 
 
-def flown(robot: Robot, q: Array, s: Array, change: Array, mode: NDArray[np.int64]) -> Array:
+def flown(robot: Robot, q: Array, s: Array, change: Array | None, mode: NDArray[np.int64]) -> Array:
     """Configurations after input displacements s = v h from q; rows at rest stay as they are.
 
-    The input changes by ``change`` / h meanwhile: along itself where something is soft.
+    The input changes by ``change`` / h meanwhile, if it does: along itself where something is soft.
     """
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
-    reached[rigid, :POSE] += rigid_moves(q[rigid, 2], s[rigid, 2:], change[rigid, 2:])
+    changes = None if change is None else change[rigid, 2:]
+    reached[rigid, :POSE] += rigid_moves(q[rigid, 2], s[rigid, 2:], changes)
     if soft.any():
         reached[soft] = flow.flown(robot, q[soft], s[soft], mode[soft])
     return reached

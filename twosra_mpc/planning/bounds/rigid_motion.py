@@ -60,7 +60,7 @@ def least_time(
         shift_box: Half-width of the goal box in the same frame's axes [m], (2,).
         turns: (low, high) of the change of heading [rad]; infinite where free.
         modulo: Whether headings that differ by full turns are equal.
-        known_s: Duration of a known motion at full speed; without ramps the bound never exceeds it.
+        known_s: Duration of a known motion; the bound never exceeds it.
         wheel_rows: V / a, (4, 3), if wheels accelerate by a from rest and back to it.
         priced: Whether to look for a better bound with further programs.
     """
@@ -68,7 +68,6 @@ def least_time(
     if vertices is None:
         return 0.0
     ramps = _NO_RAMPS if wheel_rows is None else _Ramps.of(vertices, wheel_rows)
-    known_s += 2 * ramps.longest_s  # a screw, or a straight way and a turn
     reach = float(vertices[:, 2].max()) * known_s
     if reach > FAR_RAD:
         free = not all(map(math.isfinite, turns))

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -72,11 +72,13 @@ def turning_drives(problem: Problem, guess: Motion) -> Iterator[TurningDrive]:
     for turned in around if problem.goal.phi_modulo else around[:1]:
         end[2] = begin[2] + turned
         for aside in _ASIDE_RAD:
-            if out_of_effort() or abs(turned) > fastest * quickest_s:
+            if abs(turned) > fastest * quickest_s:
                 return
             if (found := _solved(problem, begin, end, aside)) is not None:
                 quickest_s = min(quickest_s, found.profile.duration_s)
                 yield found
+            if out_of_effort():
+                return
 
 
 def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> TurningDrive | None:
@@ -133,7 +135,7 @@ def _lengths(first: float) -> Array:
     return min(1.0, first) + growth * from_end**2
 
 
-@cache
+@lru_cache(4)
 def _program(speeds: int) -> tuple[ca.Function, tuple[int, int], Stopping]:
     """The program for so many rows of speed limits, its numbers of equations and of limits."""
     n = _INTERVALS
