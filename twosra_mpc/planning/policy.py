@@ -7,7 +7,7 @@ with melts and freezes in series. A policy is a plan with that recourse, and its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from twosra_mpc.effort import Ending, OutOfEffortError, spent
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.confirmed_bound import Sequences, least_costs_s
+from twosra_mpc.planning.confirmed_bound import Sequences, bent_before, least_costs_s
 from twosra_mpc.planning.planner import Progress, searched
 from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
@@ -35,13 +35,14 @@ def relies(modes: Sequence[Mode]) -> bool:
 
 
 RELYING = Sequences(relies)
+RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) is None)
 
 
 def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
-    """Plan with recourse: the best by ``problem.risk`` of two plans, with its policy.
+    """Plan with recourse: the best by ``problem.risk`` of three plans, with its policy.
 
-    One is the plan of a robot whose joint bends end where they are planned. The other relies on
-    none: one segment after the other, or together and then one alone.
+    One is the plan of a robot whose joint bends end where they are planned. The others rely on
+    none: the best one, and the best that bends segments together, which may be right by chance.
 
     Args:
         problem: The problem.
@@ -69,22 +70,23 @@ def _best(plan: Plan) -> tuple[Plan, Policy]:
     problem, made = plan.problem, plan
     bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
     policy = _policy(plan, bends)
-    if policy.branches and (other := _relying_on_none(problem)) is not None:
-        surer = _policy(other, bends)
-        if surer.cost_s < policy.cost_s:
-            made, policy = replace(other, lower_bound=plan.lower_bound), surer
+    for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
+        if (other := _found(problem, excluded)) is not None:
+            surer = _policy(other, bends)
+            if surer.cost_s < policy.cost_s:
+                made, policy = replace(other, lower_bound=plan.lower_bound), surer
     least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
     return made, policy._replace(lower_bound=least_s, known_bound=known_s)
 
 
-def _relying_on_none(problem: Problem) -> Plan | None:
-    """The best plan that relies on no joint bend, if any is found.
+def _found(problem: Problem, excluded: Container[ModeSequence]) -> Plan | None:
+    """The best plan, if any is found.
 
     Raises:
         KeyboardInterrupt: At Ctrl-C.
         OutOfEffortError: If there is no effort left to look for one.
     """
-    found = searched(problem, excluded=RELYING)
+    found = searched(problem, excluded=excluded)
     if found.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     if found.stopped_early and not found.found:
@@ -98,17 +100,18 @@ def _known_s(plan: Plan) -> float:
 
 
 def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
-    """The plan with what is done wherever a joint bend misses."""
+    """The plan with what is done wherever a joint bend misses, or is right by chance."""
     share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
-    costs, found = list[tuple[float, float]](), dict[tuple[int, ModeSequence], list[_Missed]]()
+    costs, found = list[tuple[float, float]](), dict[tuple[int, ModeSequence], list[_Outcome]]()
     for bend in bends:
         cost_s = planned_s
-        if (missed := miss(plan, bend)) is not None:
-            phase, kappa, off = missed
-            rest = _rest(plan, phase, kappa)
-            cost_s = plan.known_end_s(phase) + (np.inf if rest is None else _known_s(rest))
-            modes = () if rest is None else rest.sequence
-            found.setdefault((phase + 1, modes), []).append(_Missed(bend, off, cost_s))
+        if (new := surprise(plan, bend)) is not None:
+            rest = _rest(plan, new.phase, new.kappa)
+            other_s = plan.known_end_s(new.phase) + (np.inf if rest is None else _known_s(rest))
+            if other_s < planned_s or not new.right:
+                cost_s, modes = other_s, () if rest is None else rest.sequence
+                same = found.setdefault((new.phase + 1, modes), [])
+                same.append(_Outcome(bend, new.off_per_m, cost_s))
         costs.append((share, cost_s))
     branches = []
     for (phase, modes), same in sorted(found.items()):
@@ -119,8 +122,8 @@ def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
     return Policy(risk, priced(costs, risk), planned_s, tuple(branches))
 
 
-class _Missed(NamedTuple):
-    """A joint bend that misses: how far it is off [1/m], and what all costs then [s]."""
+class _Outcome(NamedTuple):
+    """A joint bend that surprises: how far it is off [1/m], and what all costs then [s]."""
 
     bend: JointBend
     off_per_m: float
@@ -144,11 +147,27 @@ def _how(own: Sequence[JointBend], others: Sequence[JointBend]) -> str:
     return " or ".join(words)
 
 
-def miss(plan: Plan, bend: JointBend) -> tuple[int, Array, float] | None:
-    """The first phase (from 0) at whose end a joint bend has missed the goal; None: none does.
+class Surprise(NamedTuple):
+    """A joint bend after which the rest is another one than planned.
 
-    With the curvatures then, (n,), and how far the worst is off [1/m]. Wheels bring the mean of
-    the segments that bend for the last time to where it is planned, and one that is soft alone.
+    Attributes:
+        phase: The bend (from 0).
+        kappa: Curvatures then, (n,) [1/m].
+        off_per_m: How far the worst is off the goal.
+        right: Whether all are right by chance, where more bends were planned; else they miss.
+    """
+
+    phase: int
+    kappa: Array
+    off_per_m: float
+    right: bool
+
+
+def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
+    """The first joint bend that misses the goal, or is right by chance; None: all goes as planned.
+
+    Wheels bring the mean of the segments that bend for the last time to where it is planned, and
+    one that is soft alone.
 
     Args:
         plan: The plan.
@@ -171,12 +190,16 @@ def miss(plan: Plan, bend: JointBend) -> tuple[int, Array, float] | None:
         aims = last or soft
         here += bent * (planned[k + 1] - here)[aims].mean() / bent[aims].mean()
         away = here - planned[k + 1]
-        if len(last) > 1:
-            kappa, at_end = np.array(facts.curvatures(here.tolist())), ends[-1].copy()
-            at_end[POSE:][last] = kappa[last]
-            off = accuracy.of_shape(goal.error(at_end))
-            if off > ACCEPTED:
-                return k, kappa, off * accuracy.curvature_per_m
+        relied = len(last) > 1
+        kappa, at_end = np.array(facts.curvatures(here.tolist())), ends[-1].copy()
+        at_end[POSE:][last if relied else slice(None)] = kappa[last if relied else slice(None)]
+        off = accuracy.of_shape(goal.error(at_end))
+        if relied and off > ACCEPTED:
+            return Surprise(k, kappa, off * accuracy.curvature_per_m, right=False)
+        if not relied and off <= ACCEPTED and any(map(any, modes[k + 1 :])):
+            low, high = plan.problem.goal.box(ends[-1])
+            within = np.clip(kappa, low[POSE:], high[POSE:])
+            return Surprise(k, within, off * accuracy.curvature_per_m, right=True)
     return None
 
 
@@ -186,6 +209,6 @@ def _rest(plan: Plan, phase: int, kappa: Array) -> Plan | None:
         left = plan.rest_at(plan.phases[phase].end_s)
         bent = tuple(bent_back(plan.robot, kappa).tolist())
         start = left.start.with_values(kappa_per_m=bent)
-        return _relying_on_none(left.with_values(start=start))
+        return _found(left.with_values(start=start), RELYING)
     except InputError:  # it would be where it must not
         return None
