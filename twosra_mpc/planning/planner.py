@@ -15,9 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from twosra_mpc.arguments import public
+from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import (
+    Cost,
     Ending,
     OutOfEffortError,
+    charge,
     lend_overtime,
     limit_reached,
     limited,
@@ -49,6 +52,7 @@ from twosra_mpc.timing import transition_model
 if TYPE_CHECKING:
     from twosra_mpc.planning.solver.placer import Placer
 
+_UNHINDERED = 1 / 15  # of the limits: what may be spent as if no obstacle were there
 _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
@@ -165,6 +169,11 @@ def searched(
                 check_around(problem)
             if problem.planner == "greedy":
                 return plan_greedily(problem)
+            if problem.obstacles and not (problem.objects or problem.tasks):
+                found = _unhindered(problem, excluded, than_s, worth_s)
+                if found is not None:
+                    stats = replace(found.stats, work=spent(), first_plan_work=spent())
+                    return replace(found, stats=stats)
             return _search(problem, excluded, on_progress, than_s, worth_s)
         except OutOfEffortError:  # before, or after, the search
             ending = Ending.LIMIT
@@ -191,6 +200,39 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result
+
+
+def _unhindered(
+    problem: Problem, excluded: Container[ModeSequence], than_s: float, worth_s: float
+) -> Result | None:
+    """The plan that is best as if no obstacle were there, and so best, if it is clear of all.
+
+    A robot that keeps its shape is not asked for it: then little is hidden by heating, and what
+    drives cost most to find is what obstacles change.
+    """
+    from twosra_mpc.checking.clearance import Surroundings  # only then anyone waits for it
+    from twosra_mpc.planning.stages.necessity import same_shape
+
+    if same_shape(problem):
+        return None
+    try:
+        with limited(problem.work_limit * _UNHINDERED, problem.time_limit_s * _UNHINDERED):
+            free = problem.with_values(obstacles=())
+            result = _search(free, excluded, None, than_s, worth_s)
+    except OutOfEffortError:
+        return None
+    if result.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.plan is None or result.ending is Ending.LIMIT:
+        return None
+    trajectory = replace(result.plan.trajectory, problem=problem)
+    q = trajectory.samples.q
+    charge(Cost.OUTLINE, len(q))
+    if not Surroundings(problem.world, problem.robot.geometry).distances_m(q).all():
+        return None
+    verification = verify(trajectory)
+    made = replace(result.plan, trajectory=trajectory, verification=verification)
+    return replace(result, problem=problem, plan=made) if verification.ok else None
 
 
 def _search(
