@@ -184,6 +184,6 @@ class Detours:
             costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
             costs[cells.within(*self.start)] = 0.0
         if len(known) >= _KEPT // fineness**2:
-            del known[next(iter(known))]
+            known.popitem()  # the first ones are asked for again and again
         known[modes] = costs
         return costs
