@@ -22,6 +22,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence
 
 COARSE, FINE = 1, 4  # how finely the plane is cut
+_KEPT = 256  # costs of all coarse cells, 50 MiB, or of as many fine ones
 IMPOSSIBLE, UNCLEAR = 1e9, 1e2  # costs of a cell, far more than all that bends cost
 
 
@@ -133,7 +134,7 @@ class Detours:
     start: Array
     goal: Array
     _cells: dict[int, Cells] = field(default_factory=dict)
-    _costs: dict[tuple[int, ModeSequence], Array] = field(default_factory=dict)
+    _costs: dict[int, dict[ModeSequence, Array]] = field(default_factory=dict)
     _none: set[ModeSequence] = field(default_factory=set)
 
     def none(self, sequence: ModeSequence) -> bool:
@@ -173,12 +174,16 @@ class Detours:
 
     def _after(self, fineness: int, modes: ModeSequence) -> Array:
         """Least costs of all cells after bends in these modes."""
-        if (fineness, modes) not in self._costs:
-            cells = self._cells[fineness]
-            if modes:
-                costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
-            else:
-                costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
-                costs[cells.within(*self.start)] = 0.0
-            self._costs[fineness, modes] = costs
-        return self._costs[fineness, modes]
+        known = self._costs.setdefault(fineness, {})
+        if modes in known:
+            return known[modes]
+        cells = self._cells[fineness]
+        if modes:
+            costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
+        else:
+            costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
+            costs[cells.within(*self.start)] = 0.0
+        if len(known) >= _KEPT // fineness**2:
+            known.popitem()  # the first ones are asked for again and again
+        known[modes] = costs
+        return costs

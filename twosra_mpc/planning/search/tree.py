@@ -423,7 +423,7 @@ class Tree(Generic[Solution]):
             attempts = iter(self.solver(network, known, whole))
             first = next(attempts, None)
             yield first
-        if first is None and known.detour:
+        if first is None and known.detour and len(whole.sequences) == 1:
             leaves.bend_otherwise(whole, FINE)
             yield None
             attempts = iter(self.solver(network, leaves.bounds[whole], whole))

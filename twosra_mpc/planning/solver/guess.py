@@ -30,7 +30,7 @@ from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import workspace_margins
+from twosra_mpc.problem.limits import broken_by_shapes, levers_kept, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.problem.world import Workspace
@@ -40,6 +40,8 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
 _STRAYING_M = 2e-3  # out of a workspace between nodes
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
+_TRIED, _LOOKS = 41, 41  # amounts of bending to and fro, and shapes on the way of each bend
+_INSIDE = 0.9999  # of the curvature limits
 _EXACTLY = 1e6  # times as much as others count the segments whose bend leaves no choice
 
 
@@ -170,6 +172,45 @@ def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) 
     room = np.where(moved > 0, box[1] - reached, reached - box[0])[moving]
     share = np.min(room / np.abs(moved[moving]), initial=1.0)
     return bends + max(0.0, float(share)) * step
+
+
+def bends_around(problem: Problem | Alone, sequence: ModeSequence, bends: Array) -> Array | None:
+    """Other bends to the same shape, on whose way no shape is forbidden; None if none are found.
+
+    Looked for along the directions in which the sequence may bend to and fro, the least of them.
+    """
+    facts, limits = bending(problem.robot), problem.robot.limits
+    modes = np.array(sequence, dtype=float)
+    _, singular, right = np.linalg.svd(modes.T)
+    free = right[int((singular > _NO_CHOICE).sum()) :][:, modes.any(axis=1)]
+    most = np.array([facts.coordinate(limits.curvature_per_m, j) for j in range(modes.shape[1])])
+    here = facts.coordinates(problem.start.kappa_per_m)
+    share = np.linspace(0.0, 1.0, _LOOKS)[:, None]
+    found = []
+    for direction in np.unique(free[np.abs(free).max(axis=1, initial=0.0) > _NO_CHOICE], axis=0):
+        along = np.zeros(len(bends))
+        along[modes.any(axis=1)] = direction / np.abs(direction).max()
+        grows, at = (np.cumsum(each[:, None] * modes, axis=0) for each in (along, bends))
+        with np.errstate(divide="ignore", invalid="ignore"):  # where it would reach the limits
+            edges = [(_INSIDE * sign * most - here - at) / grows for sign in (-1.0, 1.0)]
+            rests = -bends / along  # where a phase does
+        steps = np.append(most.max() * np.linspace(-2.0, 2.0, _TRIED), [*np.ravel(edges), *rests])
+        several = bends + steps[np.isfinite(steps), None] * along
+        for tried in several[np.abs(several).sum(axis=1).argsort(kind="stable")]:
+            ends = here + np.cumsum(tried[:, None] * modes, axis=0)
+            begins = np.vstack([here, ends[:-1]])
+            passed = begins[:, None] + share * (ends - begins)[:, None]
+            if (np.abs(passed) > most + _NO_CHOICE).any():
+                continue
+            shapes = np.stack(
+                [facts.curvature(passed[:, :, j], j) for j in range(modes.shape[1])], axis=-1
+            )
+            if levers_kept(problem.robot, sequence, shapes) and (
+                broken_by_shapes(problem.robot, np.concatenate(shapes)) is None
+            ):
+                found.append(tried)
+                break
+    return min(found, key=lambda each: float(np.abs(each).sum()), default=None)
 
 
 def bent(

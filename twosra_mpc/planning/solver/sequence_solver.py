@@ -6,14 +6,13 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, joined
-from twosra_mpc.planning.bounds.detours import COARSE, Detours
 from twosra_mpc.planning.bounds.schedule import feasible_schedule
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
@@ -29,12 +28,12 @@ from twosra_mpc.planning.solver.fixed_sequence import (
 from twosra_mpc.planning.solver.gentle import cheapest
 from twosra_mpc.planning.solver.guess import (
     bend_changes,
+    bends_around,
     correct_end,
     guess_motion,
     inner_bends,
     moved_inside,
 )
-from twosra_mpc.planning.solver.shape_plane import cells_of
 from twosra_mpc.planning.solver.turning_drive import turning_drives
 from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.plans.plan import Plan
@@ -47,7 +46,6 @@ from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
 
 _WIDE_PER_M = 1e-3  # around shapes that are chosen for several stages
-_TWO = 2  # segments
 # In runs NLPs that might gain 3.4, 3.8 and 5.1 s took 0.3 to 0.7 s and gained 0.5, 0 and 0 s.
 _NLP_WORTH = 3.0
 
@@ -274,24 +272,11 @@ def _motion(
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     if not levers_kept(alone.robot, sequence, made.states[:, :, POSE:]):
-        detour = bends_around(alone, sequence)
+        detour = bends_around(alone, sequence, bends)
         if detour is None:
             return None
         made = guess_motion(alone.robot, q, goal, sequence, detour, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)
-
-
-def bends_around(problem: Alone, sequence: ModeSequence) -> Array | None:
-    """Bends past shapes that are forbidden; None where none are found, as of three segments."""
-    start, goal = problem.start.configuration, problem.goal
-    if len(start[POSE:]) > _TWO:
-        return None
-    facts, limit = bending(problem.robot), problem.robot.limits.curvature_per_m
-    ends = np.clip([start, start, *goal.box(start)], -limit, limit)[:, POSE:]
-    begin, end = np.split(facts.coordinates(ends), 2)
-    detours = Detours(partial(cells_of, problem.robot.body), begin, end)
-    bends = detours.bends(sequence, COARSE)
-    return None if bends is None else inner_bends(sequence, bends, end - begin, end - begin)
 
 
 Box = tuple[Array, Array]
