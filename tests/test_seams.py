@@ -331,9 +331,9 @@ def test_the_top_level_stays_small() -> None:
 # 268 lines and a file prove the bounds of missions anew, what tasks ask being read there for a
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
 # 300 and three files plan for joint bends that end elsewhere, with a bound; 200 are the limit of
-# singular shapes, in plans, bounds and checks. 183 and a file are drives that turn on the way.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_969, 210
-MOST_LINES = 36_717
+# singular shapes, in plans, bounds and checks. 187 and a file are drives that turn on the way.
+MOST_CORE_LINES, MOST_CORE_FILES = 28_973, 210
+MOST_LINES = 36_721
 MOST_LINES_OF_TESTS = 32_824
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
