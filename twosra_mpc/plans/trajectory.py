@@ -32,7 +32,7 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
-_STRAY = 1e-12  # m or rad: rounding of poses that a mean twist leads to
+_STRAY = 1e-9  # m or rad: so near to the next pose is where a mean twist leads
 _LOOK_S = 0.02  # between looks whether a box is entered
 HIGHEST_RATE_HZ = 1000.0  # of set-points; no controller of such robots takes more
 
