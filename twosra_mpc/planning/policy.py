@@ -71,10 +71,13 @@ def _best(plan: Plan) -> tuple[Plan, Policy]:
     bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
     policy = _policy(plan, bends)
     for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
-        if (other := _found(problem, excluded)) is not None:
-            surer = _policy(other, bends)
-            if surer.cost_s < policy.cost_s:
-                made, policy = replace(other, lower_bound=plan.lower_bound), surer
+        if (other := _found(problem, excluded)) is None:
+            break
+        surer = _policy(other, bends)
+        if surer.cost_s < policy.cost_s:
+            made, policy = replace(other, lower_bound=plan.lower_bound), surer
+        if bent_before(other.sequence) is not None:  # the next would be the same
+            break
     least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
     return made, policy._replace(lower_bound=least_s, known_bound=known_s)
 
