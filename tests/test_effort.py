@@ -35,7 +35,7 @@ from twosra_mpc.planning.solver import fixed_sequence
 from twosra_mpc.planning.solver.multiple_shooting import ipopt
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.world import Obstacle, World
-from twosra_mpc.space.minkowski import obstacle_parts
+from twosra_mpc.space.minkowski import parts_around
 from twosra_mpc.space.possible import blocked_unit
 from twosra_mpc.space.separation import Surroundings
 
@@ -272,7 +272,7 @@ def test_what_fine_outlines_cost_is_charged_as_it_is_done(name: str) -> None:
     world, geometry = World(obstacles=[fine_outline()]), load_robot("2sra-v1").geometry
     begin, end = np.zeros(5), np.array([0.5, 0.0, 0.0, 0.0, 0.0])
     work = {
-        "merged": lambda: obstacle_parts(world.obstacles, inner=True),
+        "merged": lambda: parts_around(world.obstacles, 0.0),
         "parts": lambda: Surroundings(world, 0.002),
         "grown": lambda: blocked_unit(geometry, world, begin, end, 0.0),
     }

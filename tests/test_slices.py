@@ -17,8 +17,8 @@ from twosra_mpc.space.minkowski import (
     kept_by_all,
     merged,
     minkowski_sums,
-    obstacle_parts,
     parts_around,
+    parts_within,
     swept,
     turned,
 )
@@ -91,7 +91,7 @@ def test_points_on_the_sides_of_a_convex_outline_are_no_corners() -> None:
 
 def test_convex_parts_fill_their_obstacles_and_are_convex() -> None:
     corners = [(0, 0), (3, 0), (3, 2), (2, 2), (2, 1), (1, 1), (1, 2), (0, 2)]
-    parts = obstacle_parts([Obstacle(polygon_m=corners), Obstacle(polygon_m=corners[:3])])
+    parts = parts_around([Obstacle(polygon_m=corners), Obstacle(polygon_m=corners[:3])], 0.0)
     areas = [shapely.Polygon(part).area for part in parts]
     hulls = [shapely.MultiPoint(part).convex_hull.area for part in parts]
     assert areas == pytest.approx(hulls)
@@ -154,7 +154,7 @@ def test_finer_slices_decide_more() -> None:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_mirrored_scene_has_mirrored_slices(seed: int) -> None:
     world, kappa = random_world(seed), (30.0, -10.0)
-    flipped = [np.array(part) * [1, -1] for part in obstacle_parts(world.obstacles)]
+    flipped = [np.array(part) * [1, -1] for part in parts_around(world.obstacles, 0.0)]
     mirrored = World(
         workspace=world.workspace, obstacles=[{"polygon_m": part.tolist()} for part in flipped]
     )
@@ -206,4 +206,8 @@ def test_smoother_obstacles_hold_the_rough_ones_and_are_as_near_as_is_said(seed:
     assert whole.difference(own.buffer(within_m)).area < 1e-12
     for part in map(shapely.Polygon, parts):
         assert part.convex_hull.area == pytest.approx(part.area)
-    assert len(parts) <= len(obstacle_parts([obstacle]))
+    assert len(parts) <= len(parts_around([obstacle], 0.0))
+    inner = parts_within([obstacle])
+    held = shapely.union_all([shapely.Polygon(part) for part in inner])
+    assert held.difference(own).area < 1e-12
+    assert own.difference(held.buffer(5e-3)).area < 1e-12

@@ -28,7 +28,7 @@ from twosra_mpc.effort import (
     spent,
 )
 from twosra_mpc.errors import ContradictionError, PlanInterrupted
-from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.flow import roll_out, twists
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
@@ -45,7 +45,7 @@ from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem, Risk
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, mode_name
 from twosra_mpc.timing import transition_model
 
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from twosra_mpc.planning.solver.placer import Placer
 
 _UNHINDERED = 1 / 15  # of the limits: what may be spent as if no obstacle were there
+_LOOKS = 40  # along the direct drive
 _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
@@ -207,18 +208,39 @@ def _unhindered(
 ) -> Result | None:
     """The plan that is best as if no obstacle were there, and so best, if it is clear of all.
 
-    A robot that keeps its shape is not asked for it: then little is hidden by heating, and what
-    drives cost most to find is what obstacles change.
+    Where a drive is all there is to do, and the direct one runs into something, none is looked for.
     """
     from twosra_mpc.checking.clearance import Surroundings  # only then anyone waits for it
     from twosra_mpc.planning.stages.necessity import same_shape
+    from twosra_mpc.space.screws import moved
 
-    if same_shape(problem):
-        return None
+    around = Surroundings(problem.world, problem.robot.geometry)
+
+    def overlaps(q: Array) -> bool:
+        charge(Cost.OUTLINE, len(q))
+        return not around.distances_m(q).all()
+
+    start, (low, high) = (
+        problem.start.configuration,
+        problem.goal.box_met(problem.start.configuration),
+    )
+    if same_shape(problem) and np.isfinite([low, high]).all():
+        ways, share = np.tile(start, (_LOOKS, 1)), np.linspace(0.0, 1.0, _LOOKS)
+        twist = twists(start[:POSE], (low + high)[:POSE] / 2)
+        ways[:, :POSE] = moved(start[:POSE], twist, share)
+        if overlaps(ways):
+            return None
+
+    def confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
+        solved = found.solution
+        if solved and overlaps(np.concatenate([*solved.candidate.motion.states])):
+            return replace(found, solution=None)
+        return _confirmed(found)
+
     try:
         with limited(problem.work_limit * _UNHINDERED, problem.time_limit_s * _UNHINDERED):
             free = problem.with_values(obstacles=())
-            result = _search(free, excluded, None, than_s, worth_s)
+            result = _search(free, excluded, None, than_s, worth_s, confirmed)
     except OutOfEffortError:
         return None
     if result.ending is Ending.INTERRUPTED:
@@ -226,10 +248,6 @@ def _unhindered(
     if result.plan is None or result.ending is Ending.LIMIT:
         return None
     trajectory = replace(result.plan.trajectory, problem=problem)
-    q = trajectory.samples.q
-    charge(Cost.OUTLINE, len(q))
-    if not Surroundings(problem.world, problem.robot.geometry).distances_m(q).all():
-        return None
     verification = verify(trajectory)
     made = replace(result.plan, trajectory=trajectory, verification=verification)
     return replace(result, problem=problem, plan=made) if verification.ok else None
@@ -241,6 +259,7 @@ def _search(
     on_progress: Callable[[Progress], None] | None,
     than_s: float,
     worth_s: float,
+    confirm: Callable[[SearchResult[Solved]], SearchResult[Solved] | None] | None = None,
 ) -> Result:
     """Stages, their variants, their tree and its bounds, the solver: a result."""
     started, (variants, refused) = time.perf_counter(), ways_of(problem)
@@ -273,7 +292,7 @@ def _search(
         incumbent=lambda: _drive(tree, problem.gap) if solver.in_the_way is None else (),
         look=lambda: None if alone else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
-        confirm=_confirmed,
+        confirm=confirm or _confirmed,
         worth=worth_s,
         known=than_s,
     )

@@ -14,42 +14,47 @@ from twosra_mpc.space.convex import convex_parts
 
 _SIDES = 8  # of polygons around pieces; with theirs among them
 _FEW = 16  # corners of a convex polygon that is simple enough
+_WITHIN_M = 5e-4  # what polygons within outlines leave out: much more than these are rough
 _OFF_M2 = 1e-12  # by which a union may miss its hull and still count as convex
 
 
-def obstacle_parts(obstacles: Iterable[Obstacle], inner: bool = False) -> list[Array]:
-    """Convex polygons whose union is that of obstacles, counter-clockwise, each (m, 2) [m].
+def parts_within(obstacles: Iterable[Obstacle]) -> list[Array]:
+    """Few convex polygons that obstacles hold, `_WITHIN_M` from them at most where they have none.
 
-    ``inner`` takes polygons within discs, not around them.
+    Counter-clockwise, each (m, 2) [m]; of discs, polygons within.
     """
-    outlines = (item.inner_corners_m if inner else item.corners_m for item in obstacles)
-    return [part for outline in outlines for part in merged(convex_parts(outline))]
+    return [p for item in obstacles for p in _few_parts(item.inner_corners_m, -_WITHIN_M)]
 
 
 def parts_around(obstacles: Iterable[Obstacle], within_m: float) -> list[Array]:
-    """Fewer convex polygons that hold obstacles, no farther from them than a distance."""
-    found = list[Array]()
-    for item in obstacles:
-        exact = convex_parts(item.corners_m)
-        few = len(exact) == 1 and len(exact[0]) <= _FEW
-        found += exact if few else merged(convex_parts(_smoother(item.corners_m, within_m)))
-    return found
+    """Few convex polygons that hold obstacles, no farther from them than a distance."""
+    return [part for item in obstacles for part in _few_parts(item.corners_m, within_m)]
 
 
-def _smoother(corners: Array, within_m: float) -> Array:
-    """A polygon (m, 2) around a polygon, no farther from it than a distance, of fewer corners.
+def _few_parts(corners: Array, by_m: float) -> list[Array]:
+    """Convex parts of a polygon if it is simple; else of a simpler one around it, or within."""
+    exact = convex_parts(corners)
+    if len(exact) == 1 and len(exact[0]) <= _FEW:
+        return exact
+    own = shapely.Polygon(corners)
+    return merged([part for simple in _simpler(own, by_m) for part in convex_parts(simple)])
+
+
+def _simpler(own: shapely.Polygon, by_m: float) -> list[Array]:
+    """Polygons (m, 2) around a polygon, or within it, no farther from it, of fewer corners.
 
     About its hull if that is as near, else about it; itself where that is no simpler.
     """
-    own = shapely.Polygon(corners)
     for inner in (own.convex_hull, own):
-        wider = shapely.buffer(inner, within_m / 2, join_style="mitre", mitre_limit=1.5)
-        around = shapely.simplify(wider, within_m / 3)
-        fewer = shapely.get_num_coordinates(around) - 1 < len(corners)
-        one = around.geom_type == "Polygon" and not around.interiors
-        if fewer and one and around.covers(own) and own.buffer(within_m).covers(around):
-            return _corners([around])[0]
-    return corners
+        moved = shapely.buffer(inner, by_m / 2, join_style="mitre", mitre_limit=1.5)
+        simple = shapely.simplify(moved, abs(by_m) / 3)
+        parts = [part for part in shapely.get_parts(simple) if not part.is_empty]
+        fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(own)
+        whole = by_m < 0 or (simple.covers(own) and own.buffer(by_m).covers(simple))
+        held = by_m > 0 or own.covers(simple)
+        if parts and fewer and whole and held and not any(part.interiors for part in parts):
+            return [_corners([part])[0] for part in parts]
+    return _corners([own])
 
 
 def merged(pieces: Sequence[Array]) -> list[Array]:

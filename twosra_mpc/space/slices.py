@@ -40,8 +40,8 @@ from twosra_mpc.space.minkowski import (
     kept_by_all,
     merged,
     minkowski_sums,
-    obstacle_parts,
     parts_around,
+    parts_within,
     reach,
     stacked,
     swept,
@@ -52,7 +52,7 @@ Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6  # of GEOS, and to spare
-_SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
+_SMOOTH = 1.0  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is, or less
 _GRID_M, _LOST_M2 = 1e-9, 1e-9  # of overlays that lose area without a grid; as near is the same
@@ -168,7 +168,7 @@ def _possible(inner: bytes, world: World, kept_m: float, headings: int) -> FreeS
     half_turn, pieces = np.pi / headings, _rectangles(held)
     shrunk = kept_by_all(pieces, half_turn, kept_m - UNSEEN_M)
     extent = _extents(held, -half_turn, headings) - UNSEEN_M
-    obstacles = obstacle_parts(world.obstacles, inner=True)
+    obstacles = parts_within(world.obstacles)
     return _slices(world, shrunk, obstacles, extent, headings)
 
 
