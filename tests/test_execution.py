@@ -58,12 +58,12 @@ def test_without_disturbance_what_is_executed_is_what_was_planned(
     assert done.run.ending is Ending.REACHED
     assert done.run.plans == (made,)
     assert done.run.transitions == made.cost.transitions == sum(done.run.begun)
-    assert done.truth.q[-1] == pytest.approx(made.samples.q[-1], abs=1e-4)
+    assert ACCURACY.of(done.truth.q[-1] - made.samples.q[-1]) <= 3 * Patience().finest
     for phase in made.phases:
         drives = [drive for drive in done.run.drives if drive.mode == phase.mode]
         end = np.searchsorted(done.truth.time_s, drives[-1].end_s - 1e-9)
         expected = made.samples.q[np.searchsorted(made.samples.t_s, phase.end_s - 1e-6)]
-        assert done.truth.q[end] == pytest.approx(expected, abs=1e-4)
+        assert ACCURACY.of(done.truth.q[end] - expected) <= 3 * Patience().finest
     assert done.truth.forced_s[-1] == 0.0
 
 

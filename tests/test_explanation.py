@@ -369,7 +369,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
 def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
+    monkeypatch.setattr(sequence_solver, "turning_drives", Mock(side_effect=KeyboardInterrupt))
     told = interrupted_explanation(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)
@@ -387,7 +387,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(effort, "time", SimpleNamespace(process_time=lambda: now))
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "turning_drives", interrupted)
     told = interrupted_explanation(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED
     assert not told.complete

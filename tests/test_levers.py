@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,13 @@ from twosra_mpc import Goal, Problem, Start, load_plan, load_problem, load_robot
 from twosra_mpc.analysis.explanation import explain
 from twosra_mpc.checking.body import bend_levers as own_levers
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import bend_levers, kinematics
 from twosra_mpc.model.rows import by_rows
-from twosra_mpc.problem.limits import bend_margins, singular_bend
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.planning.bounds.detours import COARSE, FINE, Detours
+from twosra_mpc.planning.solver.shape_plane import cells_of
+from twosra_mpc.problem.limits import bend_margins, broken_by_shapes, singular_bend
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 
 ARC = load_robot("2sra-v1")
 ONE_AT_A_TIME = (RIGID, SOFT_1, SOFT_2)
@@ -138,3 +142,23 @@ def test_of_all_sequences_the_planner_finds_the_best_that_keeps_its_levers(seed:
     assert found.require().cost.total <= min(single) * (1 + 2e-4)
     free = plan(asked.with_values(robot=bold(ARC)))
     assert (free.lower_bound or 0.0) <= found.require().cost.total
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_ways_that_keep_all_limits_are_never_called_impossible(seed: int) -> None:
+    """Ways at random, each bend as far as is allowed or less; and what is found comes there."""
+    rng, facts, modes = np.random.default_rng(seed), bending(ARC), list[Mode]()
+    start = w = facts.coordinates(rng.uniform(-20, 20, 2))
+    for _ in range(rng.integers(2, 6)):
+        mode = MODES[1:][rng.integers(3)]
+        way = w + np.linspace(0, rng.uniform(-4, 4), 150)[:, None] * mode
+        kappa = np.stack([facts.curvature(way[:, j], j) for j in range(2)], axis=-1)
+        ends = range(2, 150, 4)
+        kept = [n for n in ends if bend_margins(ARC, mode, kappa[:n]).min() >= 0]
+        if kept := [n for n in kept if broken_by_shapes(ARC, kappa[:n]) is None]:
+            w, modes = way[rng.choice([kept[-1], *kept]) - 1], [*modes, mode]
+    for fineness in (COARSE, FINE)[: 1 + (seed < 3)] if modes else ():
+        detours = Detours(partial(cells_of, ARC.body), np.array([start] * 2), np.array([w] * 2))
+        found = detours.bends(tuple(modes), fineness)
+        assert found is not None
+        np.testing.assert_allclose(found @ np.array(modes), w - start, atol=0.2)

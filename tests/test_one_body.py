@@ -30,7 +30,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.footprint import footprints
-from twosra_mpc.space.possible import blocked_unit
+from twosra_mpc.space.possible import blocked_unit, unit_apart
 from twosra_mpc.space.separation import Proximity, placed
 
 ROBOT = load_robot("2sra-v1")
@@ -150,8 +150,10 @@ def test_a_gap_blocks_a_unit_exactly_if_it_is_narrower_than_the_frame(
     room = Workspace(x_m=(-0.5, 0.5), y_m=(-0.3, 0.3))
     here, there = (STRAIGHT + x * np.eye(5)[0] for x in (-0.28, 0.28))
     geometry = changed(unit_frame_m=frame_m).geometry
-    found = blocked_unit(geometry, World(obstacles=walls, workspace=room), here, there, 0.0)
-    assert (found is None) == (more_m > 0)
+    world = World(obstacles=walls, workspace=room)
+    assert (blocked_unit(geometry, world, here, there, 0.0) is None) == (more_m > 0)
+    for kept_m, blocked in ((0.0, True), (-0.02, False)):  # wheels stand out by 13 mm
+        assert (unit_apart(geometry, world, (here, there), (0.0, 0.0), kept_m) is None) != blocked
 
 
 def wheels_of(robot: Robot) -> dict[str, Array]:

@@ -332,9 +332,9 @@ def test_the_top_level_stays_small() -> None:
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
 # 300 and three files plan for joint bends that end elsewhere, with a bound; 200 are the limit of
 # singular shapes, in plans, bounds and checks.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_786, 209
-MOST_LINES = 36_534
-MOST_LINES_OF_TESTS = 32_792
+MOST_CORE_LINES, MOST_CORE_FILES = 28_941, 209
+MOST_LINES = 36_837
+MOST_LINES_OF_TESTS = 32_842
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 

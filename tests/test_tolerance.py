@@ -16,7 +16,7 @@ from twosra_mpc.planning.bounds.bends import bend_steps, least_durations
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled
-from twosra_mpc.planning.solver.guess import bends_around, correct_end, guess_motion
+from twosra_mpc.planning.solver.guess import correct_end, guess_motion
 from twosra_mpc.planning.solver.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
@@ -129,24 +129,6 @@ def test_what_a_bend_takes_beyond_its_least_is_no_more_than_it_takes() -> None:
 
 
 # --- what goes wrong -----------------------------------------------------------------------------
-
-
-def test_a_curled_shape_is_reached_along_the_curvature_limits() -> None:
-    """In [60, 60] the robot would overlap itself; only bending by way of [60, 27] avoids it."""
-    sequence = (RIGID, SOFT_2, SOFT_1, SOFT_BOTH, RIGID)
-    shape, curled = (60.0, -20.0), (-35.0, 60.0)
-    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=shape)
-    goal = Goal(x_m=0.1, y_m=0.0, phi_rad=0.0, kappa_per_m=curled, tolerance="exact")
-    problem = Problem(robot=ROBOT, start=start, goal=goal)
-    bound = bound_of(problem, sequence)
-    assert bound is not None
-    found = next(iter(GoalSolver(only_goal(problem))(network_of(problem, sequence), bound)))
-    assert found is not None
-    assert bound.cost <= found[0] <= 1.01 * bound.cost
-    fixed = (RIGID, SOFT_2, SOFT_1, RIGID)  # leaves no choice
-    facts = bending(ROBOT)
-    first, second = np.subtract(facts.coordinates(curled), facts.coordinates(shape))
-    assert bends_around(problem, fixed, np.array([0.0, second, first, 0.0])) is None
 
 
 def test_a_drive_that_mirrors_itself_is_not_held_for_the_best() -> None:

@@ -123,7 +123,7 @@ def following(trajectory: Trajectory, held: Samples) -> np.ndarray:
     for i, dt in enumerate(np.diff(held.t_s)):
         rests = not held.v[i].any()
         here, s, mode = q[-1][None], held.v[i : i + 1] * dt, held.mode[i : i + 1]
-        q.append(q[-1] if rests else flown(robot, here, s, 0 * s, mode)[0])
+        q.append(q[-1] if rests else flown(robot, here, s, None, mode)[0])
     return np.array(q)
 
 

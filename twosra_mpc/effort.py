@@ -47,6 +47,7 @@ class Cost:
     NEWTON_STEP = 15  # a row or column in a step of the interior point method
     PROOF = 25_000  # a sequence that a certificate bounds, in interval arithmetic
     NLP_STEP = 750  # a variable in an iteration of IPOPT
+    DRIVE_STEP = 120  # the same of the program of a drive, which is sparse and written out
     GREEDY_STEP = 2000  # a mode that proposes a step
     STAGE = 5000  # a stage of a way to do a mission
     # Of plans: paths, speeds, checks.

@@ -147,28 +147,29 @@ def reintegrate(problem: Problem, samples: Samples | Sent) -> Array:
     the input evenly in time. Rows are NaN from where a curvature runs away beyond twice its limit.
     """
     beyond, q = 2 * problem.robot.limits.curvature_per_m, problem.start.configuration
-    reached, known = np.full((len(samples), len(q)), np.nan), dict[Mode, _Steps]()
+    reached, known = np.full((len(samples), len(q)), np.nan), dict[tuple[Mode, bool], _Steps]()
     reached[0] = q
     for first, last, way, lengths in paths(samples):
         rows, mode = reached[first + 1 : last + 1], tuple(samples.mode[first].tolist())
         if not way.any():
             rows[:] = reached[first]
             continue
-        if mode not in known:
-            idle = _idle(problem.robot, mode)
-            known[mode] = idle.pop() if idle else _Steps(problem.robot, mode)
+        kind = mode, bool(way[1].any())
+        if kind not in known:
+            idle = _idle(problem.robot, *kind)
+            known[kind] = idle.pop() if idle else _Steps(problem.robot, *kind)
         ends = np.cumsum(lengths).tolist()
-        if not _follow(known[mode], reached[first], way, ends, beyond, rows):
+        if not _follow(known[kind], reached[first], way, ends, beyond, rows):
             break
-    for mode, steps in known.items():
-        _idle(problem.robot, mode).append(steps)
+    for kind, steps in known.items():
+        _idle(problem.robot, *kind).append(steps)
     return reached
 
 
 @per_body(8)
-def _idle(body: Body, mode: Mode) -> list[_Steps]:
-    """Those of a mode that nobody takes now: in another thread somebody may."""
-    del body, mode
+def _idle(body: Body, mode: Mode, turns: bool) -> list[_Steps]:
+    """Those of a kind that nobody takes now: in another thread somebody may."""
+    del body, mode, turns
     return []
 
 
@@ -211,10 +212,13 @@ def _follow(
 
 
 class _Steps:
-    """Steps in one mode."""
+    """Steps in one mode, with inputs that turn on the way or do not."""
 
-    def __init__(self, robot: Robot, mode: Mode) -> None:
+    def __init__(self, robot: Robot, mode: Mode, turns: bool) -> None:
         step = in_mode(step_of_order_8(robot), mode)
+        if not turns:  # what a change would do falls away
+            q, s, c = (ca.SX.sym("x", step.size1_in(i)) for i in range(3))
+            step = ca.Function(step.name(), [q, s, c], step.call([q, s, ca.DM.zeros(INPUTS)]))
         size, self._made = step.numel_out(0), list[tuple[list[Array], InPlace]]()
         for count in (1, _DEGREE):
             arrays = [np.zeros((count, k)) for k in (size, INPUTS, INPUTS, size, 2)]
@@ -234,16 +238,6 @@ class _Steps:
         return after, error, curvature
 
 
-def displacements(samples: Samples | Sent) -> Array:
-    """Input displacements s = (v + a dt / 2) dt from each row to the next, (m - 1, 5)."""
-    dt = np.diff(samples.t_s)[:, None]
-    moved = samples.a[:-1] * dt  # the rest is done in place: there may be many rows
-    moved /= 2
-    moved += samples.v[:-1]
-    moved *= dt
-    return moved
-
-
 def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     """Runs of samples in one mode on one path: (first, last, way, lengths).
 
@@ -251,7 +245,11 @@ def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     direction, s / |s| of the displacements s with lengths |s|, zero at rest. Where an input turns
     on the way, lengths are times, and a run is as long as it changes evenly.
     """
-    direction, dt = displacements(samples), np.diff(samples.t_s)
+    dt = np.diff(samples.t_s)
+    direction = samples.a[:-1] * dt[:, None]  # the rest is done in place: there may be many rows
+    direction /= 2
+    direction += samples.v[:-1]
+    direction *= dt[:, None]
     lengths = np.linalg.norm(direction, axis=1)
     direction /= np.where(lengths > 0, lengths, 1.0)[:, None]
     breaks = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.stiffness import KnownStiffness, clearly
+from twosra_mpc.control.stiffness import CLEARLY_S, KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.execution.camera_filter import CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
@@ -33,6 +33,7 @@ _LATELY = 3  # periods whose motion the guard expects to go on
 _COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
+_SURELY = 3.0  # deviations by which what is seen may be off
 _STOOD = 10  # readings between which no time passes: news may end a wait early, for each segment
 _LEAP_S = 0.5  # later than it was due a reading is believed only when the next is later still
 _FAULTS = 3  # readings in a row with its flag make a fault: single ones are noise
@@ -161,12 +162,6 @@ class Belief:
         if not set(reported) <= {"soft", "rigid"}:
             return None
         return tuple(int(now == "soft") for now in reported)
-
-    @property
-    def coasts_s(self) -> Array:
-        """Times for which the segments surely stay soft without heat, (n,); 0 if nobody sees."""
-        sighted = self.doubt is not None
-        return np.array([watch.coasts_s if sighted else 0.0 for watch in self._watches])
 
     @property
     def metal(self) -> tuple[Metal | None, ...]:
@@ -360,11 +355,13 @@ class Belief:
 
     def _believed(self, segment: int, reported: KnownStiffness | None) -> KnownStiffness | None:
         """Stiffness of a segment: its sensor shows it late, or may lie."""
-        watch, coasts_s = self._watches[segment], float(self.coasts_s[segment])
-        goes_on = self._last_known[segment] == "soft" and coasts_s > 0.0
-        solid = self.doubt is not None and watch.clearly_solid
-        if known := "soft" if goes_on else clearly(coasts_s, solid, watch.moved_K):
-            return known
+        watch = self._watches[segment]
+        if self.doubt is not None:  # else nobody sees whether it bends
+            coasts_s = watch.coasts_s()
+            goes_on = self._last_known[segment] == "soft" and coasts_s > CLEARLY_S
+            known = clearly(coasts_s, watch.clearly_solid, watch.moved_K)
+            if goes_on or known is not None:
+                return "soft" if goes_on else known
         return "changing" if reported == "soft" and not watch.may_be_soft else reported
 
     def _note_changes(self) -> None:
@@ -385,7 +382,7 @@ class Belief:
         seen = self.q - (seen_at if told_in == mode else before)
         self._compared = mode, self.q.copy()
         moved = after - before
-        self.doubtful = self.doubt.take(self.now_s, mode, moved, seen, self.deviation)
+        self.doubtful = self.doubt.take(self.now_s, mode, moved, seen, _SURELY * self.deviation)
 
     def seen_at_rest(self) -> Array:
         """Change of q since the robot was compared last with what it was told, (3 + n,)."""
@@ -407,12 +404,10 @@ class Belief:
         if command.mode is not None:
             self._keep_clear(command.mode, command.wheel_rad_s)
         self._lately.append((self.now_s, self.q))
-        setpoint_C, soft_for_s = command.heater_setpoint_C, np.full(len(self._watches), np.inf)
-        if self.doubt is not None and command.soft_for_s.size:
-            soft_for_s = command.soft_for_s
-        allowed_C = setpoint_C.copy()
+        setpoint_C = command.heater_setpoint_C
+        allowed_C, for_s = setpoint_C.copy(), command.soft_for_s
         for j, watch in enumerate(self._watches):
-            watch.soft_for_s = float(soft_for_s[j])
+            watch.soft_for_s = float(for_s[j]) if for_s.size and self.doubt else np.inf
             allowed_C[j] = watch.allowed_C(float(setpoint_C[j]))
         self.command = replace(command, heater_setpoint_C=setpoint_C.copy())
         return replace(command, heater_setpoint_C=allowed_C)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol, get_args
+from typing import TYPE_CHECKING, Protocol, get_args
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from twosra_mpc.execution.run import Ending, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
+
+if TYPE_CHECKING:
+    from twosra_mpc.execution.course import Course
 
 
 @dataclass(eq=False)
@@ -127,20 +130,8 @@ def look_at_robot(belief: Belief, then: Callable[[], Next]) -> Looking:
     return Looking(belief, patience.certain * accuracy, patience.look_s, then)
 
 
-class Along(Protocol):
-    """A course, or a command on it: where the plan is, and how long metal must stay soft."""
-
-    @property
-    def planned(self) -> Array:
-        """As `Command` has it."""
-
-    @property
-    def soft_for_s(self) -> Array:
-        """The same."""
-
-
 def rest(
-    belief: Belief, setpoint_C: Array, at_most_s: float, along: Along | None = None
+    belief: Belief, setpoint_C: Array, at_most_s: float, along: Course | Command | None = None
 ) -> Command:
     """A command to stand: along a course, or where the plan was, and what is soft stays so."""
     if along is None:

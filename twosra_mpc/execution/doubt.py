@@ -29,7 +29,6 @@ RESTING_PER_M = (0.4, 0.8)  # but no less than noise, nor more than one that is 
 SPENT_M = 0.016  # way of solid metal after which nothing is tried again
 TOGETHER_PER_M = 2.0  # seen of several soft segments, before each of them is looked for
 EACH_PER_M = 0.8 * TOGETHER_PER_M  # the same at rest, where what seemed to bend may be less
-_SURELY = 3.0  # deviations by which it is then seen, for no longer look
 STIFF = 0.25  # of their mean; soft segments differ from it by up to 0.44 of it
 BENDS, BENDS_PER_M = 0.5, 1.2  # of what was commanded, or beyond all noise: it bends
 PROOF_S = 30.0  # for which bends prove liquid metal; from the set-point it stays so for longer
@@ -78,7 +77,7 @@ class Doubt:
         return self._together and self._proved_s > -math.inf
 
     def take(
-        self, now_s: float, mode: Mode, commanded: Array, seen: Array, deviation: Array
+        self, now_s: float, mode: Mode, commanded: Array, seen: Array, off: Array | float = np.inf
     ) -> bool:
         """Take in a period of driving.
 
@@ -87,7 +86,7 @@ class Doubt:
             mode: Mode the robot is in.
             commanded: How q should have changed, (3 + n,).
             seen: How it did, as believed, (3 + n,).
-            deviation: Standard deviation of where it is believed to be, (3 + n,).
+            off: By how much what is seen may be off, (3 + n,).
 
         Returns:
             Whether it must stand and be looked at: see ``judge``.
@@ -110,7 +109,8 @@ class Doubt:
         if now_s < self._proved_s + PROOF_S:
             return False
         self._bends.add(commanded, seen)
-        self._together = self._together or self._bends.each_bends(_SURELY * deviation)
+        found, off = self._bends.found, np.broadcast_to(off, self._size)
+        self._together |= found >= TOGETHER_PER_M and not self._bends.below(2 * STIFF, off)
         if self._together and self._bends.found >= MOVING_PER_M:
             self._prove(now_s)
         return self._bends.doubtful or (not self._together and self._bends.found >= TOGETHER_PER_M)
@@ -209,16 +209,11 @@ class _Account:
     def _amount(self, change: Array) -> float:
         return abs(float(change[self._curvatures].mean())) if self.soft else _way_m(change)
 
-    def below(self, share: float) -> tuple[int, ...]:
-        """Soft segments that bend by less than this share of their mean."""
+    def below(self, share: float, off: Array | None = None) -> tuple[int, ...]:
+        """Soft segments that may bend by less than this share of their mean."""
         bends = self.seen[self._curvatures]
-        return tuple(np.array(self.soft)[np.abs(bends / bends.mean()) < share].tolist())
-
-    def each_bends(self, unsure: Array) -> bool:
-        """True if all soft segments were seen to bend, as far as that is sure, (3 + n,)."""
-        bends = self.seen[self._curvatures] * np.sign(self.seen[self._curvatures].sum())
-        sure = bends - unsure[self._curvatures] >= 2 * STIFF * self.found
-        return self.found >= TOGETHER_PER_M and bool(sure.all())
+        least = np.abs(bends) - (0.0 if off is None else off[self._curvatures])
+        return tuple(np.array(self.soft)[least < share * np.abs(bends.mean())].tolist())
 
     @property
     def proved(self) -> bool:

@@ -24,7 +24,7 @@ from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.driving import Driving, Pulses
 from twosra_mpc.execution.guard import MeetsItselfError
 from twosra_mpc.execution.mission import Mission
-from twosra_mpc.execution.replanning import Replanning, reconsidered
+from twosra_mpc.execution.replanning import Replanning, has_no_room, reconsidered
 from twosra_mpc.execution.run import Ending, Verdict, times
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.settings import ExecutorSettings
@@ -85,7 +85,9 @@ class Following(PlanPolicy):
         self.belief.tell(
             "look", f"{needed_mm:z.1f} mm of clearance are needed, {kept_mm:z.1f} planned"
         )
-        return Replanning(self)
+        while self.clearance_m > kept_m and has_no_room(self.problem, self.clearance_m):
+            self.clearance_m *= _LESS_ROOM
+        return Replanning(self) if self.clearance_m > kept_m else Waiting(self, 0)
 
     @property
     def _kept_m(self) -> float:

@@ -15,6 +15,7 @@ from twosra_mpc.execution.controller import Activity, Next, look_at_objects, res
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
 from twosra_mpc.planning.planner import plan_again
+from twosra_mpc.planning.stages.necessity import unit_without_way
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import bent_back
@@ -146,6 +147,17 @@ def what_is_left(run: Following) -> Problem | None:
         return left
     work = min(left.work_limit, _ROOM_WORK)
     return left.with_values(clearance_m=run.clearance_m, work_limit=work)
+
+
+def has_no_room(problem: Problem, clearance_m: float) -> bool:
+    """True if it is proved that no plan keeps so much clearance: a unit has no way with it.
+
+    Nothing is proved of tasks, which may touch what is around.
+    """
+    if problem.tasks:
+        return False
+    room = problem.with_values(clearance_m=clearance_m)
+    return unit_without_way(room, wheels=True) is not None
 
 
 def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:

@@ -46,7 +46,7 @@ _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
-_USUAL, _AS_EVER = 200, 1.8  # readings that move, and how much more or less others may flicker
+_USUAL, _AS_EVER = 200, 2.5  # readings that move, and how much more or less others may flicker
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _RECENT, _APART_S = 20, 0.9  # readings, so far apart, that tell whether it warms or cools
@@ -167,22 +167,17 @@ class SegmentWatch:
         """Most probable state, as the described segment's; None if nobody knows."""
         return None if self.belief is None or self.doubted else self.belief.state
 
-    @property
-    def coasts_s(self) -> float:
-        """Time for which the segment surely stays soft without heat."""
-        return self._stays_liquid_s(CLEARLY)
-
-    def _stays_liquid_s(self, deviations: float) -> float:
-        known = self.belief is not None and not self.doubted
-        return self.belief.stays_liquid_s(deviations) if self.belief is not None and known else 0.0
+    def coasts_s(self, deviations: float = CLEARLY) -> float:
+        """Time for which the segment, so much colder, stays soft without heat."""
+        if self.belief is None or self.doubted:
+            return 0.0
+        return self.belief.stays_liquid_s(deviations)
 
     @property
     def _leaves_plateau(self) -> bool:
         """True if the reading rises faster and faster: one that catches up becomes slower."""
-        if len(self._recent_C) < 2 * _QUICKENS + 1:
-            return False
-        before_C, middle_C, now_C = list(self._recent_C)[::-_QUICKENS][2::-1]
-        return now_C - 2 * middle_C + before_C >= _QUICKENS_K
+        shown = list(self._recent_C)[::-_QUICKENS][:3]
+        return len(shown) == 3 and shown[0] - 2 * shown[1] + shown[2] >= _QUICKENS_K
 
     @property
     def clearly_solid(self) -> bool:
@@ -201,7 +196,7 @@ class SegmentWatch:
         makes its controller hold metal that is still melting, with little current: a segment that
         was doubted is asked for more until it must be liquid.
         """
-        coasts_s = self._stays_liquid_s(0.0 if self._leaves_plateau else CLEARLY)
+        coasts_s = self.coasts_s(0.0 if self._leaves_plateau else CLEARLY)
         if coasts_s >= self.soft_for_s or (self.belief is not None and self.belief.cut):
             return min(setpoint_C, self._heater.rigid_setpoint_C)
         melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
@@ -349,7 +344,7 @@ class SegmentWatch:
         if belief.heated_s > 0.0 and here_C <= high_C and self._asked != "rigid":
             cold = self._air_C - _WARMED_K < here_C < belief.start.shown_C + _WARMED_K
             dead = "warm" if cold and abs(risen_K) < _WARMED_K else ""
-            if dead := "melt" if melts and abs(risen_K) < _SAME_K else dead:
+            if dead := "melt" if melts and risen_K < _SAME_K else dead:
                 self.belief = None  # one may go on without it, and nobody knows its state
                 words = f"heating does not {dead} it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")

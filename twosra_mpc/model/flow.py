@@ -41,7 +41,7 @@ _STAGES = (
     (3501 / 1720, -300 / 43, 297275 / 52632, -319 / 2322, 24068 / 84065, 0, 3850 / 26703),
 )
 _SIXTH = (3 / 40, 0, 875 / 2244, 23 / 72, 264 / 1955, 0, 125 / 11592, 43 / 616)
-GAUSS = (np.polynomial.legendre.leggauss(12) + np.array([[1.0], [0.0]])) / 2  # on [0, 1]
+_GAUSS = (np.polynomial.legendre.leggauss(12) + np.array([[1.0], [0.0]])) / 2  # on [0, 1]
 _ALONG = 1e-15  # m2 or m rad: a change across the input by no more moves nothing
 _FIFTH = (13 / 160, 0, 2375 / 5984, 5 / 16, 12 / 85, 3 / 44, 0, 0)  # for the error alone
 
@@ -165,42 +165,37 @@ def drive(q: Array, s: Array, changes: Array | None = None) -> Array:
     """Rigid motions by input displacements and changes (m, 3): q (3 + n,) -> (m, 3 + n)."""
     headings = q[2] + np.cumsum(s[:, 2]) - s[:, 2]
     reached = np.tile(q, (len(s), 1)).astype(float)
-    moves = screws(headings, s) if changes is None else turning(headings, s, changes)
-    reached[:, :POSE] += np.cumsum(moves, axis=0)
+    reached[:, :POSE] += np.cumsum(rigid_moves(headings, s, changes), axis=0)
     return reached
 
 
-def turning(headings: Array, s: Array, changes: Array) -> Array:
-    """Changes of pose by rigid inputs that change evenly on the way, (m, 3).
+def rigid_moves(headings: Array, s: Array, changes: Array | None = None) -> Array:
+    """Changes of pose by rigid input displacements (..., 3) from these headings, (..., 3).
 
-    A share w of the way the input is s + c (w - 1/2), so the heading is quadratic in w. Where c is
-    along s that is a screw; else it is integrated by Gauss, to 1e-12 over a full turn.
+    A screw; or the input changes evenly, s + c (w - 1/2) a share w of the way, and the heading is
+    quadratic in w. Where c is across s that is integrated by Gauss, to 1e-12 over a full turn.
 
     Args:
-        headings: Where they begin, (m,) [rad].
-        s: Input displacements, (m, 3) [m, m, rad].
+        headings: Where they begin [rad].
+        s: Input displacements [m, m, rad].
         changes: c, (m, 3).
     """
-    moved = screws(headings, s)
-    across = s[:, :, None] * changes[:, None]
-    rows = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0) > _ALONG
-    if rows.any():
-        way, change, share = s[rows, :, None], changes[rows, :, None], GAUSS[0]
-        u, v, _ = np.moveaxis(way + change * (share - 1 / 2), 1, 0)
-        angle = headings[rows, None] + way[:, 2] * share + change[:, 2] * share * (share - 1) / 2
-        moved[rows, 0] = (np.cos(angle) * u - np.sin(angle) * v) @ GAUSS[1]
-        moved[rows, 1] = (np.sin(angle) * u + np.cos(angle) * v) @ GAUSS[1]
-    return moved
-
-
-def screws(headings: Array, s: Array) -> Array:
-    """Changes of pose by rigid input displacements (..., 3) from these headings, (..., 3)."""
     turn = s[..., 2]
     angle, moved = headings + turn / 2, s.copy()
     c, sine = np.cos(angle), np.sin(angle)
     moved[..., 0] = c * s[..., 0] - sine * s[..., 1]
     moved[..., 1] = sine * s[..., 0] + c * s[..., 1]
     moved[..., :2] *= np.sinc(turn / (2 * np.pi))[..., None]
+    if changes is None:
+        return moved
+    across = s[:, :, None] * changes[:, None]
+    rows = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0) > _ALONG
+    if rows.any():
+        way, change, share = s[rows, :, None], changes[rows, :, None], _GAUSS[0]
+        u, v, _ = np.moveaxis(way + change * (share - 1 / 2), 1, 0)
+        angle = headings[rows, None] + way[:, 2] * share + change[:, 2] * share * (share - 1) / 2
+        moved[rows, 0] = (np.cos(angle) * u - np.sin(angle) * v) @ _GAUSS[1]
+        moved[rows, 1] = (np.sin(angle) * u + np.cos(angle) * v) @ _GAUSS[1]
     return moved
 
 

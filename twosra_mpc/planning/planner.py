@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -289,7 +289,7 @@ def _search(
         gap=problem.gap,
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        incumbent=lambda: _drive(tree) if solver.in_the_way is None else None,
+        incumbent=lambda: _drive(tree, problem.gap) if solver.in_the_way is None else (),
         look=lambda: None if alone else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=confirm or _confirmed,
@@ -317,12 +317,14 @@ def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
     return replace(result, solution=None) if result.ending is Ending.INTERRUPTED else None
 
 
-def _drive(tree: Tree[Solved]) -> tuple[float, Solved] | None:
-    """The better of two guesses to drive without a melt, if that suffices."""
+def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | None]:
+    """Yield drives without a melt, if that suffices: a screw; if it may gain, one that turns."""
     node = tree.root()
-    attempts = tree.solve(node) if tree.leaf_bound(node) < math.inf else iter(())
-    found = filter(None, itertools.islice(attempts, 2))
-    return min(found, key=lambda found: found[0], default=None)
+    least = tree.leaf_bound(node)
+    for found in itertools.islice(tree.solve(node) if least < math.inf else (), 2):
+        yield found
+        if found is not None and found[0] - least <= gap * found[0]:
+            return
 
 
 def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:

@@ -13,16 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending, OutOfEffortError, spent
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.confirmed_bound import Sequences, least_costs_s
+from twosra_mpc.planning.confirmed_bound import Sequences, bent_before, least_costs_s
 from twosra_mpc.planning.planner import Progress, searched
 from twosra_mpc.plans.branches import Branch, Policy, priced
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
@@ -37,14 +35,14 @@ def relies(modes: Sequence[Mode]) -> bool:
 
 
 RELYING = Sequences(relies)
-_CORNER = 0.95  # of half of a goal's width: how far from its middle a plan is aimed
+RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) is None)
 
 
 def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
-    """Plan with recourse: the best by ``problem.risk`` of two plans, with its policy.
+    """Plan with recourse: the best by ``problem.risk`` of three plans, with its policy.
 
-    One is the plan of a robot whose joint bends end where they are planned. The other relies on
-    none: one segment after the other, or together and then one alone.
+    One is the plan of a robot whose joint bends end where they are planned. The others rely on
+    none: the best one, and the best that bends segments together, which may be right by chance.
 
     Args:
         problem: The problem.
@@ -69,47 +67,23 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
 
 def _best(plan: Plan) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
-    problem = plan.problem
+    problem, made = plan.problem, plan
     bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
-    made = _aimed(plan, bends)
-    policy = _policy(made, bends)
-    if policy.branches and (other := _found(problem, RELYING)) is not None:
+    policy = _policy(plan, bends)
+    for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
+        if (other := _found(problem, excluded)) is None:
+            break
         surer = _policy(other, bends)
         if surer.cost_s < policy.cost_s:
             made, policy = replace(other, lower_bound=plan.lower_bound), surer
+        if bent_before(other.sequence) is not None:  # the next would be the same
+            break
     least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
     return made, policy._replace(lower_bound=least_s, known_bound=known_s)
 
 
-def _aimed(plan: Plan, bends: Sequence[JointBend]) -> Plan:
-    """The plan, or one to a corner of the goal, where fewer joint bends miss."""
-
-    def misses(made: Plan) -> int:
-        return sum(miss(made, bend) is not None for bend in bends)
-
-    best, least, (problem, goal) = plan, misses(plan), (plan.problem, plan.problem.goal)
-    middle, widths = goal.configuration[POSE:], goal.half_width.copy()
-    aside = _CORNER * widths[POSE:] * (-1.0) ** np.arange(len(middle))
-    if not least or not isinstance(goal, Goal) or not np.isfinite(middle).all() or not aside.any():
-        return plan
-    widths[POSE:] *= (1 - _CORNER) / 2
-    for shape in (middle + aside, middle - aside):
-        corner = goal.with_values(kappa_per_m=tuple(shape.tolist()), tolerance=Tolerance.of(widths))
-        try:
-            found = _found(problem.with_values(goal=corner))
-        except InputError:  # it would be where it must not
-            continue
-        if found is not None:
-            trajectory = replace(found.trajectory, problem=problem)
-            checked = verify(trajectory)
-            made = replace(found, trajectory=trajectory, verification=checked)
-            if checked.ok and (missing := misses(made)) < least:
-                best, least = replace(made, lower_bound=plan.lower_bound), missing
-    return best
-
-
-def _found(problem: Problem, excluded: Container[ModeSequence] = ()) -> Plan | None:
-    """The best plan, as if joint bends were certain, if any is found.
+def _found(problem: Problem, excluded: Container[ModeSequence]) -> Plan | None:
+    """The best plan, if any is found.
 
     Raises:
         KeyboardInterrupt: At Ctrl-C.
@@ -129,17 +103,18 @@ def _known_s(plan: Plan) -> float:
 
 
 def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
-    """The plan with what is done wherever a joint bend misses."""
+    """The plan with what is done wherever a joint bend misses, or is right by chance."""
     share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
-    costs, found = list[tuple[float, float]](), dict[tuple[int, ModeSequence], list[_Missed]]()
+    costs, found = list[tuple[float, float]](), dict[tuple[int, ModeSequence], list[_Outcome]]()
     for bend in bends:
         cost_s = planned_s
-        if (missed := miss(plan, bend)) is not None:
-            phase, kappa, off = missed
-            rest = _rest(plan, phase, kappa)
-            cost_s = plan.known_end_s(phase) + (np.inf if rest is None else _known_s(rest))
-            modes = () if rest is None else rest.sequence
-            found.setdefault((phase + 1, modes), []).append(_Missed(bend, off, cost_s))
+        if (new := surprise(plan, bend)) is not None:
+            rest = _rest(plan, new.phase, new.kappa)
+            other_s = plan.known_end_s(new.phase) + (np.inf if rest is None else _known_s(rest))
+            if other_s < planned_s or not new.right:
+                cost_s, modes = other_s, () if rest is None else rest.sequence
+                same = found.setdefault((new.phase + 1, modes), [])
+                same.append(_Outcome(bend, new.off_per_m, cost_s))
         costs.append((share, cost_s))
     branches = []
     for (phase, modes), same in sorted(found.items()):
@@ -150,8 +125,8 @@ def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
     return Policy(risk, priced(costs, risk), planned_s, tuple(branches))
 
 
-class _Missed(NamedTuple):
-    """A joint bend that misses: how far it is off [1/m], and what all costs then [s]."""
+class _Outcome(NamedTuple):
+    """A joint bend that surprises: how far it is off [1/m], and what all costs then [s]."""
 
     bend: JointBend
     off_per_m: float
@@ -165,18 +140,37 @@ def _how(own: Sequence[JointBend], others: Sequence[JointBend]) -> str:
     more = [abs(bend.split) > split for bend in own]
     evener = [bend.relaxation > relaxation for bend in own]
     if not all(map(max, more, evener)):
-        listed = dict.fromkeys(f"{100 * bend.split:+z.0f} %" for bend in own)
-        return f"splits by {' or '.join(listed)}"
+        listed = dict.fromkeys(
+            f"splits by {100 * bend.split:+z.0f} % and evens out by {100 * bend.relaxation:z.0f} %"
+            for bend in own
+        )
+        return " or ".join(listed)
     even = f"evens out by more than {100 * relaxation:z.0f} %" if relaxation else "evens out"
     words = [f"splits by more than {100 * split:z.0f} %"] * any(more) + [even] * any(evener)
     return " or ".join(words)
 
 
-def miss(plan: Plan, bend: JointBend) -> tuple[int, Array, float] | None:
-    """The first phase (from 0) at whose end a joint bend has missed the goal; None: none does.
+class Surprise(NamedTuple):
+    """A joint bend after which the rest is another one than planned.
 
-    With the curvatures then, (n,), and how far the worst is off [1/m]. Wheels bring the mean of
-    the segments that bend for the last time to where it is planned, and one that is soft alone.
+    Attributes:
+        phase: The bend (from 0).
+        kappa: Curvatures then, (n,) [1/m].
+        off_per_m: How far the worst is off the goal.
+        right: Whether all are right by chance, where more bends were planned; else they miss.
+    """
+
+    phase: int
+    kappa: Array
+    off_per_m: float
+    right: bool
+
+
+def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
+    """The first joint bend that misses the goal, or is right by chance; None: all goes as planned.
+
+    Wheels bring the mean of the segments that bend for the last time to where it is planned, and
+    one that is soft alone.
 
     Args:
         plan: The plan.
@@ -199,12 +193,16 @@ def miss(plan: Plan, bend: JointBend) -> tuple[int, Array, float] | None:
         aims = last or soft
         here += bent * (planned[k + 1] - here)[aims].mean() / bent[aims].mean()
         away = here - planned[k + 1]
-        if len(last) > 1:
-            kappa, at_end = np.array(facts.curvatures(here.tolist())), ends[-1].copy()
-            at_end[POSE:][last] = kappa[last]
-            off = accuracy.of_shape(goal.error(at_end))
-            if off > ACCEPTED:
-                return k, kappa, off * accuracy.curvature_per_m
+        relied = len(last) > 1
+        kappa, at_end = np.array(facts.curvatures(here.tolist())), ends[-1].copy()
+        at_end[POSE:][last if relied else slice(None)] = kappa[last if relied else slice(None)]
+        off = accuracy.of_shape(goal.error(at_end))
+        if relied and off > ACCEPTED:
+            return Surprise(k, kappa, off * accuracy.curvature_per_m, right=False)
+        if not relied and off <= ACCEPTED and any(map(any, modes[k + 1 :])):
+            low, high = plan.problem.goal.box(ends[-1])
+            within = np.clip(kappa, low[POSE:], high[POSE:])
+            return Surprise(k, within, off * accuracy.curvature_per_m, right=True)
     return None
 
 

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from twosra_mpc.effort import remembered
-from twosra_mpc.model.bending import bending
+from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
@@ -21,8 +21,8 @@ from twosra_mpc.planning.bounds.rigid_motion import least_time
 from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
-from twosra_mpc.planning.shape_plane import cells_of
 from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.solver.shape_plane import cells_of
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
@@ -301,20 +301,19 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
     robot, start = problem.robot, problem.start.configuration
     low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
     guess = guess_motion(robot, start, problem.goal, (robot.rigid,), np.zeros(1), 1)
-    rows, (_, wheels) = rigid_rows(robot, start[POSE:]), drive_rows(robot, start[POSE:])
-    c, s = math.cos(start[2]), math.sin(start[2])
-    around = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    given = np.isfinite(high - low)
+    rows, most = rigid_rows(robot, start[POSE:]), robot.limits.wheel_acceleration_rad_s2
+    gained = None if most is None else drive_rows(robot, start[POSE:])[1] / most
+    known_s, given = _known_s(guess, gained), np.isfinite(high - low)
     ends = np.where(given, [low, high], math.nan)
     shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
+    c, s = math.cos(start[2]), math.sin(start[2])
     if given[:2].all() and box[:2].max() <= 2 * GOAL_TOLERANCE:  # nearly round
         box = math.sqrt(2) * box
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
-        rows, wheels = rows @ around, wheels @ around
+        around = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        rows, gained = rows @ around, None if gained is None else gained @ around
     asked = rows, shift, box[:2], (float(low[2]), float(high[2])), problem.goal.phi_modulo
-    known_s, most = _known_s(guess), robot.limits.wheel_acceleration_rad_s2
-    gained = None if most is None else wheels / most
     found = least_time(*asked, known_s, gained)
     if found < enough and gained is not None:
         found = max(found, least_time(*asked, known_s, gained, priced=True))
@@ -324,16 +323,24 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
     return max(found, shortest)
 
 
-def _known_s(guess: Motion) -> float:
-    """Duration of a rigid drive at full speed, as guessed: by a screw, or straight and a turn.
+def _known_s(guess: Motion, gained: Array | None = None) -> float:
+    """Duration of a rigid drive, as guessed: by a screw, or straight and a turn.
 
-    The screw of nearly a full turn leads far away.
+    At full speed; or from rest to rest, where wheels ``gained`` (4, 3) of a displacement, over
+    their largest acceleration. The screw of nearly a full turn leads far away.
     """
-    screw_s = float(interval_durations(guess).sum())
     first, last = guess.states[0, 0], guess.states[-1, -1]
-    turn = float(last[2] - first[2])
-    if abs(turn) <= math.pi:
+    wheels, s = np.zeros((1, 3)) if gained is None else gained, guess.inputs[0, :, 2:].sum(axis=0)
+    screw_s = _lasting_s(float(interval_durations(guess).sum()), np.abs(wheels @ s))
+    turn = abs(float(last[2] - first[2]))
+    if turn <= math.pi:
         return screw_s
     rows, far = rigid_rows(guess.robot, first[POSE:]), float(np.hypot(*(last - first)[:2]))
-    straight_s = far * float(np.linalg.norm(rows[:, :2], axis=1).max())
-    return min(screw_s, straight_s + abs(turn) * float(np.abs(rows[:, 2]).max()))
+    straight, turned = (np.linalg.norm(of[:, :2], axis=1) * far for of in (rows, wheels))
+    straight_s = _lasting_s(float(straight.max()), turned)
+    turn_s = _lasting_s(turn * float(np.abs(rows[:, 2]).max()), turn * np.abs(wheels[:, 2]))
+    return min(screw_s, straight_s + turn_s)
+
+
+def _lasting_s(at_speed_s: float, gained_s2: Array) -> float:
+    return from_rest_to_rest(at_speed_s, float(gained_s2.max()) / max(at_speed_s, 1e-300))

@@ -24,7 +24,7 @@ _ROUNDING = 1e-9  # of probabilities
 
 
 class Branch(NamedTuple):
-    """What follows where a joint bend misses.
+    """What follows where a joint bend misses, or is right by chance.
 
     Attributes:
         probability: Of it.
@@ -53,7 +53,7 @@ class Branch(NamedTuple):
         """What is done then, e.g. "segment 2 freezes and segment 1 is corrected"."""
         soft = [mode for mode in self.sequence if any(mode)]
         if not soft:
-            return "it is left as it is"
+            return "all segments freeze as they are"
         count, last = len(soft[-1]), soft_segments(soft[-1])
         frozen = named("segment", [j + 1 for j in range(count) if j not in last], count)
         corrected = named("segment", [j + 1 for j in last], count)

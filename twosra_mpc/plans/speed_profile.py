@@ -202,8 +202,9 @@ def _from_rest_to_rest(motion: Motion, parts: list[_Part]) -> Iterator[SpeedProf
     phase = np.repeat([part.phase for part in parts], [len(part.path) for part in parts])
     k = np.concatenate([part.intervals[at] for part, at in zip(parts, at, strict=True)])
     s, modes = motion.inputs[phase, k], np.array(motion.sequence)[phase]
-    way = s * np.concatenate(share)[:, None]
-    q = flown(motion.robot, motion.states[phase, k], way, np.zeros_like(way), modes)
+    q = flown(
+        motion.robot, motion.states[phase, k], s * np.concatenate(share)[:, None], None, modes
+    )
     r, w = least_times_and_turns(motion.robot, q, s / np.concatenate(length)[:, None], modes)
     ends = np.cumsum([len(part.path) for part in parts])[:-1]
     asked = (np.split(each, ends) for each in (q, r, w, k + np.concatenate(share)))

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
-from twosra_mpc.model.flow import screws, turning, twists
+from twosra_mpc.model.flow import rigid_moves, twists
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem.problem import Problem
@@ -32,7 +32,7 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
-_STRAY = 1e-12  # m or rad: rounding of poses that a mean twist leads to
+_STRAY = 1e-9  # m or rad: so near to the next pose is where a mean twist leads
 _LOOK_S = 0.02  # between looks whether a box is entered
 HIGHEST_RATE_HZ = 1000.0  # of set-points; no controller of such robots takes more
 
@@ -200,7 +200,7 @@ class Trajectory(ArrayValue):
         found, turned = self.at(t), self.wheel_travel_rad(t)
         s, poses = np.diff(moved, axis=0, append=moved[-1:]), found.q[:, :POSE]
         v, wheels = s / dt, np.diff(turned, axis=0, append=turned[-1:]) / dt
-        astray = np.abs(screws(poses[:-1, 2], s[:-1, 2:]) - np.diff(poses, axis=0)).max(axis=1)
+        astray = np.abs(rigid_moves(poses[:-1, 2], s[:-1, 2:]) - np.diff(poses, axis=0)).max(axis=1)
         rows = np.flatnonzero((astray > _STRAY) & ~found.mode[:-1].any(axis=1))  # it turns
         v[rows, 2:] = twists(poses[rows], poses[rows + 1], s[rows, 4]) / dt[rows]
         wheels[rows] = wheel_speeds(self.problem.robot, found.q[rows], v[rows], found.mode[rows])
@@ -304,15 +304,16 @@ def new_times(times: Array, known: Array) -> Array:
     return times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
 
 
-def flown(robot: Robot, q: Array, s: Array, change: Array, mode: NDArray[np.int64]) -> Array:
+def flown(robot: Robot, q: Array, s: Array, change: Array | None, mode: NDArray[np.int64]) -> Array:
     """Configurations after input displacements s = v h from q; rows at rest stay as they are.
 
-    The input changes by ``change`` / h meanwhile: along itself where something is soft.
+    The input changes by ``change`` / h meanwhile, if it does: along itself where something is soft.
     """
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
-    reached[rigid, :POSE] += turning(q[rigid, 2], s[rigid, 2:], change[rigid, 2:])
+    changes = None if change is None else change[rigid, 2:]
+    reached[rigid, :POSE] += rigid_moves(q[rigid, 2], s[rigid, 2:], changes)
     if soft.any():
         reached[soft] = flow.flown(robot, q[soft], s[soft], mode[soft])
     return reached

@@ -22,7 +22,14 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
-from twosra_mpc.space.slices import AT_EDGE_M, FreeSlices, box_around, component_around
+from twosra_mpc.space.footprint import Footprint
+from twosra_mpc.space.slices import (
+    AT_EDGE_M,
+    FreeSlices,
+    box_around,
+    component_around,
+    possible_slices,
+)
 
 Box = tuple[Array, Array]  # of poses: least and largest x, y, phi, infinite where free
 
@@ -110,7 +117,12 @@ def _grown(corners: Array, by_m: float) -> shapely.Geometry:
 
 
 def blocked_unit(
-    geometry: Geometry, world: World, start: Array, goal: Array, off_m: float
+    geometry: Geometry,
+    world: World,
+    start: Array,
+    goal: Array,
+    off_m: float,
+    kept_m: float = 0.0,
 ) -> int | None:
     """A locomotion unit, 1 or 2, whose inscribed disc has no way from start to goal (3 + n,).
 
@@ -123,13 +135,14 @@ def blocked_unit(
         start: Configuration at the start.
         goal: Configuration to end in.
         off_m: How far the units may end from where that has them.
+        kept_m: Distance that is kept on the whole way.
     """
-    radius = geometry.unit_frame_m / 2 - UNSEEN_M
+    radius = geometry.unit_frame_m / 2 - UNSEEN_M + kept_m
     ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
     grown = [_grown(each.inner_corners_m, radius) for each in world.obstacles]
     blocked = shapely.union_all(grown)  # of all at once GEOS takes half a gigabyte
     if world.workspace is not None:
-        edges = world.workspace.corners_m + np.array([[radius], [-radius]])
+        edges = world.workspace.corners_m + (radius - kept_m) * np.array([[1.0], [-1.0]])
     else:
         edges = np.array([[-np.inf], [np.inf]])
     around = np.concatenate([shapely.bounds(blocked).reshape(2, 2), ends.reshape(-1, 2)])
@@ -141,6 +154,31 @@ def blocked_unit(
         to_goal = shapely.dwithin(parts, shapely.points(there), off_m + 1e-6)
         if any(from_start) and not any(itertools.compress(from_start, to_goal)):
             return unit
+    return None
+
+
+def unit_apart(
+    geometry: Geometry, world: World, ends: Box, off: tuple[float, float], kept_m: float
+) -> int | None:
+    """As `blocked_unit`, of a unit with its wheels, at whatever heading.
+
+    Args:
+        geometry: Lengths of the robot.
+        world: What is around it.
+        ends: Configuration at the start, and to end in, (3 + n,) each.
+        off: How far units may end from where that has them, and how far turned [m, rad].
+        kept_m: Distance that is kept on the whole way.
+    """
+    straight = robot_shape(geometry, np.zeros_like(ends[0]), 2)
+    placed = robot_shape(geometry, np.array(ends), 2)
+    poses = np.concatenate([placed.centres, placed.ends[..., 2:]], axis=-1)  # (2, unit, 3)
+    within = np.array([off[0], off[0], off[1]])
+    for unit, (here, there) in enumerate(zip(*poses, strict=True)):
+        held = np.concatenate([straight.units[[unit]], straight.wheels[2 * unit : 2 * unit + 2]])
+        pieces = held - straight.centres[unit]
+        slices = possible_slices(Footprint(pieces, pieces), world, kept_m, HEADINGS[1])
+        if apart(slices, (here, here), (there - within, there + within)):
+            return unit + 1
     return None
 
 

@@ -11,14 +11,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import screws, twists
+from twosra_mpc.model.flow import rigid_moves, twists
 from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.robot.coordinates import Array, wrapped
 
 
 def moved(start: Array, twist: Array, share: Array) -> Array:
     """Poses after a share of displacements by constant twists, (..., 3)."""
-    return start + screws(start[..., 2], twist * share[..., None])
+    return start + rigid_moves(start[..., 2], twist * share[..., None])
 
 
 def times_at_speed_s(rows: Array, twist: Array) -> Array:

@@ -21,7 +21,8 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence
 
-_FINENESSES = (1, 4)
+COARSE, FINE = 1, 4  # how finely the plane is cut
+_KEPT = 256  # costs of all coarse cells, 50 MiB, or of as many fine ones
 IMPOSSIBLE, UNCLEAR = 1e9, 1e2  # costs of a cell, far more than all that bends cost
 
 
@@ -133,30 +134,35 @@ class Detours:
     start: Array
     goal: Array
     _cells: dict[int, Cells] = field(default_factory=dict)
-    _costs: dict[tuple[int, ModeSequence], Array] = field(default_factory=dict)
-    _found: dict[ModeSequence, Array | None] = field(default_factory=dict)
-
-    def bends(self, sequence: ModeSequence) -> Array | None:
-        """Change of W in each phase on the cheapest way; None if it is proved that there is none.
-
-        It comes as near to the goal as cells are large. Where it is not clear, cells are finer.
-        """
-        soft = np.array(sequence, dtype=bool).any(axis=1)
-        modes = tuple(mode for mode in sequence if any(mode))
-        if modes not in self._found:
-            self._found[modes] = self._bends(modes)
-        if (found := self._found[modes]) is None:
-            return None
-        bends = np.zeros(len(sequence))
-        bends[soft] = found
-        return bends
+    _costs: dict[int, dict[ModeSequence, Array]] = field(default_factory=dict)
+    _none: set[ModeSequence] = field(default_factory=set)
 
     def none(self, sequence: ModeSequence) -> bool:
-        """True if it is proved that there is none, by coarse cells or by what is known."""
+        """True if it is proved that there is none, by coarse cells or by what was asked before."""
         modes = tuple(mode for mode in sequence if any(mode))
-        if modes in self._found:
-            return self._found[modes] is None
-        return self._nearest(_FINENESSES[0], modes)[1] >= IMPOSSIBLE
+        if modes not in self._none and self._nearest(COARSE, modes)[1] >= IMPOSSIBLE:
+            self._none.add(modes)
+        return modes in self._none
+
+    def bends(self, sequence: ModeSequence, fineness: int) -> Array | None:
+        """Change of W in each phase on the cheapest way; None if it is proved that there is none.
+
+        It comes as near to the goal as cells are large.
+        """
+        modes = tuple(mode for mode in sequence if any(mode))
+        cell, cost = self._nearest(fineness, modes)
+        if cost >= IMPOSSIBLE:
+            self._none.add(modes)
+            return None
+        cells, found = self._cells[fineness], list[float]()
+        for k in reversed(range(len(modes))):
+            source = cells.lines[modes[k]].source(self._after(fineness, modes[:k]), cell)
+            moved = cells.middle(cell) - cells.middle(source)
+            found.append(float(moved[np.array(modes[k], dtype=bool)].mean()))
+            cell = source
+        bends = np.zeros(len(sequence))
+        bends[np.array(sequence, dtype=bool).any(axis=1)] = found[::-1]
+        return bends
 
     def _nearest(self, fineness: int, modes: ModeSequence) -> tuple[int, float]:
         """The cell of the goal that is cheapest to come to, and what that costs."""
@@ -166,29 +172,18 @@ class Detours:
         costs = self._after(fineness, modes)[ends]
         return int(ends[costs.argmin()]), float(costs.min())
 
-    def _bends(self, modes: ModeSequence) -> Array | None:
-        for fineness in _FINENESSES:
-            cell, cost = self._nearest(fineness, modes)
-            if cost >= IMPOSSIBLE:
-                return None
-            if cost < UNCLEAR:
-                break
-        cells, found = self._cells[fineness], list[float]()
-        for k in reversed(range(len(modes))):
-            source = cells.lines[modes[k]].source(self._after(fineness, modes[:k]), cell)
-            moved = cells.middle(cell) - cells.middle(source)
-            found.append(float(moved[np.array(modes[k], dtype=bool)].mean()))
-            cell = source
-        return np.array(found[::-1])
-
     def _after(self, fineness: int, modes: ModeSequence) -> Array:
         """Least costs of all cells after bends in these modes."""
-        if (fineness, modes) not in self._costs:
-            cells = self._cells[fineness]
-            if modes:
-                costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
-            else:
-                costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
-                costs[cells.within(*self.start)] = 0.0
-            self._costs[fineness, modes] = costs
-        return self._costs[fineness, modes]
+        known = self._costs.setdefault(fineness, {})
+        if modes in known:
+            return known[modes]
+        cells = self._cells[fineness]
+        if modes:
+            costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
+        else:
+            costs = np.full(math.prod(len(at) - 1 for at in cells.edges) + 1, np.inf)
+            costs[cells.within(*self.start)] = 0.0
+        if len(known) >= _KEPT // fineness**2:
+            known.popitem()  # the first ones are asked for again and again
+        known[modes] = costs
+        return costs

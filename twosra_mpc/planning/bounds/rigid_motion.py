@@ -36,9 +36,9 @@ from twosra_mpc.robot.coordinates import Array
 
 _PANEL_RAD = 0.06
 _CELLS = 64  # of the time in which all speeds are reached
-_PRICED = (0.8, 0.6, 0.4)  # of g, in further programs
+# Further programs: share of g that is left, for headings not farther from the ends than this.
+_PRICED = ((1.0, math.inf), (0.6, 0.25), (0.6, math.inf), (0.3, math.inf))
 FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
-_AT_ENDS_RAD = 0.25  # there accelerations have a price
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
 
 
@@ -60,7 +60,7 @@ def least_time(
         shift_box: Half-width of the goal box in the same frame's axes [m], (2,).
         turns: (low, high) of the change of heading [rad]; infinite where free.
         modulo: Whether headings that differ by full turns are equal.
-        known_s: Duration of a known motion at full speed; without ramps the bound never exceeds it.
+        known_s: Duration of a known motion; the bound never exceeds it.
         wheel_rows: V / a, (4, 3), if wheels accelerate by a from rest and back to it.
         priced: Whether to look for a better bound with further programs.
     """
@@ -68,7 +68,6 @@ def least_time(
     if vertices is None:
         return 0.0
     ramps = _NO_RAMPS if wheel_rows is None else _Ramps.of(vertices, wheel_rows)
-    known_s += 2 * ramps.longest_s  # a screw, or a straight way and a turn
     reach = float(vertices[:, 2].max()) * known_s
     if reach > FAR_RAD:
         free = not all(map(math.isfinite, turns))
@@ -108,7 +107,7 @@ class _Ramps(NamedTuple):
             growth: g on each panel of headings, (k,).
             off: How far panels are from where it starts, and from where it ends, (k,) each [rad].
         """
-        if not len(self.gains):
+        if not len(self.gains) or gained <= 0.0:
             return gained
         cell_s = self.longest_s / _CELLS
         ends = cell_s * np.arange(1, _CELLS + 1)
@@ -185,20 +184,20 @@ def _bound_to(
     off = [
         np.maximum(np.maximum(a - middle, middle - b) - half, 0.0) for a, b in ((0.0, 0.0), goal)
     ]
-    at_ends = np.flatnonzero(np.minimum(*off) <= _AT_ENDS_RAD)
-    rows, limits, best, least = growth, np.ones(len(growth)), 0.0, math.inf
-    for share in (1.0, *_PRICED) if priced and len(gains) else (1.0,):
-        if share < 1.0:
+    rows, limits, best, first = growth, np.ones(len(growth)), 0.0, np.empty(0)
+    for share, within in _PRICED if priced and len(gains) else _PRICED[:1]:
+        if len(first):
+            at_ends = np.flatnonzero(np.minimum(*off) <= within)
             some = gains.reshape(-1, count, len(gain))[:, at_ends].reshape(-1, len(gain))
-            rows = np.vstack([growth, some])
-            limits = np.append(np.ones(len(growth)), np.full(len(some), share * least))
+            rows, most = np.vstack([growth, some]), share * float(first[at_ends].max())
+            limits = np.append(np.ones(len(growth)), np.full(len(some), most))
         optimum = minimise(-gain, rows, limits, [(a, b) for a, b in ends.tolist()])
         if optimum is None:
             break
         s = np.clip(optimum[1], *ends.T)
         s /= float((growth @ s).max(initial=1.0))  # S, made to grow as it may
         own = (gains @ s).reshape(-1, count).max(axis=0, initial=0.0)
-        least = min(least, float(own[at_ends].max()))
+        first = first if len(first) else own
         best = max(best, ramps.least_s(float(gain @ s), own, off))
     return best
 

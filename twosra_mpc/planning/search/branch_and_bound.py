@@ -98,7 +98,7 @@ def branch_and_bound(
     gap: float,
     out_of_time: Callable[[], bool],
     on_progress: Callable[[float, float], None],
-    incumbent: Callable[[], tuple[float, Solution] | None] = lambda: None,
+    incumbent: Callable[[], Iterable[tuple[float, Solution] | None]] = tuple,
     look: Callable[[], tuple[float, Solution] | None] = lambda: None,
     proved: Callable[[float], float] = lambda bound: bound,
     confirm: Callable[[SearchResult[Solution]], SearchResult[Solution] | None] = lambda made: made,
@@ -112,7 +112,8 @@ def branch_and_bound(
         gap: Relative optimality gap (cost - lower bound) / cost to stop at.
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
-        incumbent: Finds (cost, solution) of a leaf that is cheap to try; asked first.
+        incumbent: Finds (cost, solution) of a leaf that is cheap to try, again and again as long as
+            it is better; asked first.
         look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
         proved: What the least bound of the tree proves of all solutions.
         confirm: Makes of an outcome with a solution what is returned; None where that is none
@@ -123,7 +124,7 @@ def branch_and_bound(
     Raises:
         ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
-    search = _Search(tree, gap, proved, [look, incumbent], worth)
+    search = _Search(tree, gap, proved, [lambda: (look(),), incumbent], worth)
     if known < math.inf:
         search.looks, search.incumbents = [], [(known, None)]
     while True:
@@ -227,7 +228,7 @@ class _Search(Generic[Node, Solution]):
         tree: Tree[Node, Solution],
         gap: float,
         proved: Callable[[float], float],
-        looks: list[Callable[[], tuple[float, Solution] | None]],
+        looks: list[Callable[[], Iterable[tuple[float, Solution] | None]]],
         worth: float,
     ) -> None:
         self.tree, self.gap, self.proved, self.looks = tree, gap, proved, looks
@@ -271,8 +272,9 @@ class _Search(Generic[Node, Solution]):
 
     def look(self) -> None:
         """Look for an incumbent in the next way that was not used yet."""
-        if self.looks and (found := self.looks.pop()()) is not None:
-            self.accept(*found)
+        for found in self.looks.pop()() if self.looks else ():
+            if found is not None and found[0] < self.cost:
+                self.accept(*found)
 
     def accept(self, cost: float, solution: Solution) -> None:
         """Make a solution the incumbent."""

@@ -13,8 +13,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from twosra_mpc.planning.bounds.bends import passes_forbidden
-from twosra_mpc.planning.bounds.detours import Detours
+from twosra_mpc.planning.bounds.bends import free_bends, passes_forbidden
+from twosra_mpc.planning.bounds.detours import COARSE, FINE, Detours
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
@@ -135,20 +135,20 @@ class Leaves:
 
     def no_way(self, whole: Whole) -> bool:
         """True if it is known that every way of the first stage passes a forbidden shape."""
-        detours = self.detours.get(whole.variant)
-        return detours is not None and detours.none(whole.sequences[0])
+        return self.detours[whole.variant].none(whole.sequences[0])
 
-    def bend_otherwise(self, whole: Whole) -> None:
-        """Look for other bends of the first stage."""
+    def bend_otherwise(self, whole: Whole, fineness: int) -> None:
+        """Look for other bends of the first stage; where that is done on a plane, so finely."""
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         assert stage.bend is not None, "only then it is known what they pass"
         task = stage.bend
-        if task.plane is not None:
+        if task.plane is not None and free_bends(sequence, task):
             if whole.variant not in self.detours:
                 w, off = np.array(task.origin), np.array(task.origin_within or (0.0, 0.0))
                 ends = np.array([w - off, w + off]), w + np.array(task.met).T
                 self.detours[whole.variant] = Detours(task.plane, *ends)
-            if (bends := self.detours[whole.variant].bends(sequence)) is not None:
+            bends = self.detours[whole.variant].bends(sequence, fineness)
+            if bends is not None:
                 known = self.bounds[whole]
                 bends = np.concatenate([bends, known.bends[len(sequence) :]])
                 self.bounds[whole] = replace(known, bends=bends, detour=True)
@@ -365,7 +365,7 @@ class Tree(Generic[Solution]):
         if whole is None or self.too_deep(node) or whole.joined in self.excluded:
             return math.inf
         leaf, so_far = whole.joined, self.leaves.so_far
-        if self.leaves.no_way(whole):
+        if whole.variant in self.leaves.detours and self.leaves.no_way(whole):
             words = f"{sequence_name(leaf)} cannot get past shapes that are forbidden"
             return self._infeasible(leaf, words)
         reason = so_far.timing.refusal(leaf, self.leaves.last(whole))
@@ -399,21 +399,32 @@ class Tree(Generic[Solution]):
         """Hand the sequences of all stages to the solver.
 
         Where its first attempt fails because the bound's bends pass a forbidden shape, again with
-        others; after another failure, as by then another leaf may have the least bound.
+        others; after another failure, as by then another leaf may have the least bound. Where it
+        is known before that they may, with others at once; at last with those found by fine cells.
         """
         whole, leaves = self.whole(node), self.leaves
         if whole is None:
             return
-        if whole.variant in leaves.detours and leaves.first_is_forbidden(whole):
-            leaves.bend_otherwise(whole)
+        if whole.variant in leaves.detours:
+            if leaves.no_way(whole):
+                return
+            if leaves.first_is_forbidden(whole):
+                leaves.bend_otherwise(whole, COARSE)
         known, begins = leaves.bounds[whole], [0.0] * len(whole.joined)
         network = leaves.so_far.network(whole, leaves.last(whole), begins)
-        attempts = iter(() if leaves.no_way(whole) else self.solver(network, known, whole))
+        attempts = iter(self.solver(network, known, whole))
         first = next(attempts, None)
         yield first
         if first is None and not known.detour and leaves.first_is_forbidden(whole):
             if leaves.bounds[whole] is known:
-                leaves.bend_otherwise(whole)
+                leaves.bend_otherwise(whole, COARSE)
                 yield None
+            known = leaves.bounds[whole]
+            attempts = iter(self.solver(network, known, whole))
+            first = next(attempts, None)
+            yield first
+        if first is None and known.detour and len(whole.sequences) == 1:
+            leaves.bend_otherwise(whole, FINE)
+            yield None
             attempts = iter(self.solver(network, leaves.bounds[whole], whole))
         yield from attempts

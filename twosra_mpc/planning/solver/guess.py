@@ -8,7 +8,6 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import casadi as ca
@@ -33,7 +32,6 @@ from twosra_mpc.planning.solver.multiple_shooting import INPUT_SCALE, state_scal
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, levers_kept, workspace_margins
 from twosra_mpc.problem.problem import Alone, Problem
-from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.problem.world import Workspace
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, rotation
@@ -41,7 +39,6 @@ from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
 _STRAYING_M = 2e-3  # out of a workspace between nodes
-_ASIDES = 360  # directions of a straight way
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
 _TRIED, _LOOKS = 41, 41  # amounts of bending to and fro, and shapes on the way of each bend
 _INSIDE = 0.9999  # of the curvature limits
@@ -127,49 +124,6 @@ def _inward(visited: Array, problem: Problem | Alone, workspace: Workspace) -> A
     beyond = [np.maximum(off, 0.0).max(axis=(0, 1)) for off in (low - points, points - high)]
     inward: Array = beyond[0] - beyond[1]
     return inward
-
-
-def swerved(motion: Motion, turn_rad: float) -> Motion:
-    """Return the motion with headings that go aside by up to ``turn_rad`` on its first drive.
-
-    They come back by its end. Wheels push hardest aslant, and from a motion that mirrors itself the
-    nonlinear program does not see that.
-    """
-    first = next((i for i, mode in enumerate(motion.sequence) if is_rigid(mode)), None)
-    if first is None:
-        return motion
-    inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
-    poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
-    inputs[first, :, 2:] = twists(poses[:-1], poses[1:], np.diff(poses[:, 2]))
-    return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
-
-
-def turned_to_go(motion: Motion) -> Motion:
-    """Return the drive as a turn, a straight way and a turn, the quickest of these.
-
-    Far goals are worth a turn to the heading in which wheels push hardest.
-
-    Args:
-        motion: One rigid phase.
-    """
-    robot, start, end = motion.robot, motion.states[0, 0], motion.states[0, -1]
-    rows = rigid_rows(robot, start[POSE:])
-    (east, north), whole = (end - start)[:2], float((end - start)[2])
-    far = math.hypot(east, north)
-    aside = np.linspace(-math.pi, math.pi, _ASIDES, endpoint=False)  # of the way, from the body's x
-    ways = np.array([np.cos(aside), np.sin(aside)])
-    turn = np.remainder(math.atan2(north, east) - aside - start[2] + math.pi, math.tau) - math.pi
-    turn = np.stack([turn - math.tau, turn, turn + math.tau])
-    turned = np.abs(turn) + np.abs(whole - turn)
-    pace = np.abs(rows[:, :2] @ ways).max(axis=0)
-    cost = far * pace + turned * np.abs(rows[:, 2]).max()
-    first, way = turn.flat[cost.argmin()], ways[:, cost.argmin() % _ASIDES]
-    inputs = np.zeros_like(motion.inputs)
-    count = inputs.shape[1] // 5
-    inputs[0, :count, 4] = first / count
-    inputs[0, count:-count, 2:4] = far * way / (inputs.shape[1] - 2 * count)
-    inputs[0, -count:, 4] = (whole - first) / count
-    return roll_out(robot, start, motion.sequence, inputs)
 
 
 def spared_corners(problem: Problem | Alone, workspace: Workspace) -> Array:

@@ -231,9 +231,17 @@ def ipopt(
     return transcription, *solver_of(transcription.nlp, max_iterations)
 
 
-def solver_of(nlp: dict[str, Any], max_iterations: int) -> tuple[ca.Function, Stopping]:
-    """Prepare a program for IPOPT; what stops it must be kept with it."""
-    stopping = Stopping(nlp)
+def solver_of(
+    nlp: dict[str, Any], max_iterations: int, cost: int = Cost.NLP_STEP
+) -> tuple[ca.Function, Stopping]:
+    """Prepare a program for IPOPT, and what stops it, which must be kept with it.
+
+    Args:
+        nlp: CasADi's dictionary x, p, f, g.
+        max_iterations: Iterations that it may take.
+        cost: Of a variable in an iteration.
+    """
+    stopping = Stopping(nlp, cost)
     options: dict[str, Any] = {
         "iteration_callback": stopping,
         "ipopt.print_level": 0,
@@ -253,9 +261,10 @@ def solver_of(nlp: dict[str, Any], max_iterations: int) -> tuple[ca.Function, St
 class Stopping(ca.Callback):
     """Stops a solver when the effort of whoever called it is over."""
 
-    def __init__(self, nlp: dict[str, Any]) -> None:
-        """For a program with these symbols x and expressions g."""
+    def __init__(self, nlp: dict[str, Any], cost: int) -> None:
+        """For a program with these symbols x and expressions g; a variable costs so much a step."""
         ca.Callback.__init__(self)
+        self._cost = cost
         self._sizes = {"f": 1, "x": nlp["x"].numel(), "g": nlp["g"].numel()}
         self.construct("stopping", {})
 
@@ -274,7 +283,7 @@ class Stopping(ca.Callback):
     def eval(self, _: Sequence[ca.DM]) -> list[int]:
         """Whether to stop."""
         try:
-            charge(Cost.NLP_STEP, self._sizes["x"])
+            charge(self._cost, self._sizes["x"])
         except OutOfEffortError:
             return [1]
         return [0]

@@ -33,8 +33,6 @@ from twosra_mpc.planning.solver.guess import (
     guess_motion,
     inner_bends,
     moved_inside,
-    swerved,
-    turned_to_go,
 )
 from twosra_mpc.planning.solver.turning_drive import turning_drives
 from twosra_mpc.planning.stages.variants import Variant
@@ -48,7 +46,6 @@ from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
 
 _WIDE_PER_M = 1e-3  # around shapes that are chosen for several stages
-_ASIDE_RAD = 0.4  # of the second start of a drive
 # In runs NLPs that might gain 3.4, 3.8 and 5.1 s took 0.3 to 0.7 s and gained 0.5, 0 and 0 s.
 _NLP_WORTH = 3.0
 
@@ -159,24 +156,15 @@ class GoalSolver:
             return  # a nonlinear program, which knows of no levers, would bend straight on
         if first is not None and first[0] - bound.cost < self._least_s:
             return
-        starts, ramps = [guess], problem.robot.limits.wheel_acceleration_rad_s2 is not None
-        drives = not any(map(any, network.sequence))
-        if drives and ramps:
-            for motion, profile in turning_drives(problem, guess):
-                candidate = timed(motion, network, problem, 0, profiles=(profile,))
-                made = checked(self._asked, candidate, network)
-                yield made
-                starts = [] if made else starts
-        elif drives:
-            going = turned_to_go(guess)  # all there is to do is to drive
-            candidate = scheduled(going, network, problem, iterations=0)
-            yield self._guessed_plan(self._asked, candidate, network)
-            starts.append(going)
-            starts.append(swerved(guess, _ASIDE_RAD))
-        for start in starts:
-            if out_of_effort():
-                return
-            candidate = solve(start, network, problem)
+        drives = not any(map(any, network.sequence))  # all there is to do is to drive
+        turned = None
+        for motion, profile, count in turning_drives(problem, guess) if drives else ():
+            candidate = timed(motion, network, problem, count, profiles=(profile,))
+            self.iterations += count
+            turned = checked(self._asked, candidate, network) or turned
+            yield turned
+        if turned is None and not out_of_effort():
+            candidate = solve(guess, network, problem)
             self.iterations += candidate.iterations if candidate else 0
             yield checked(self._asked, candidate, network)
 
@@ -284,9 +272,10 @@ def _motion(
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     if not levers_kept(alone.robot, sequence, made.states[:, :, POSE:]):
-        if (around := bends_around(alone, sequence, bends)) is None:
+        detour = bends_around(alone, sequence, bends)
+        if detour is None:
             return None
-        made = guess_motion(alone.robot, q, goal, sequence, around, INTERVALS, usable)
+        made = guess_motion(alone.robot, q, goal, sequence, detour, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)
 
 

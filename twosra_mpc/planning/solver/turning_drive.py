@@ -6,24 +6,25 @@ pose in an interval, by Gauss's quadrature,
 
 .. math::
     \min\; g = h^2 \quad\text{s.t.}\quad q_{k+1} = q_k + G(\phi_k, w_k, w_{k+1}, d_k), \quad
-    |M w_k| \le \sqrt g, \quad |V (w_{k+1} - w_k)| \le a g\, d_k, \quad w_0 = w_N = 0,
+    |M w_k| \le \sqrt g, \quad |V (w_{k+1} - w_k)| \le a g\, d_k, \quad w_0 = w_N = 0
 
 for the rows M of the speed limits and V of the wheels (``problem.speeds.drive_rows``): convex but
-for the headings. The rows are parameters and the ends bounds, so it is built once for all shapes.
-Speeds are linear and accelerations constant in an interval: limits hold at every instant.
+for the headings. Without a limit of acceleration wheels need not begin and end at rest. The rows
+are parameters and the ends bounds, so it is built once for all shapes. Speeds are linear and
+accelerations constant in an interval: limits hold at every instant.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cache
+from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
 
-from twosra_mpc.effort import out_of_effort
+from twosra_mpc.effort import Cost, out_of_effort
 from twosra_mpc.model.flow import Motion, drive
 from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
 from twosra_mpc.planning.solver.fixed_sequence import ALONE, SolveStatus, solve_status
@@ -35,91 +36,106 @@ from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 
 _INTERVALS = 24
 _ASIDE_RAD = (0.4, -0.4)  # of the headings half way, in starts: ahead may be a saddle
-_RAMPS = 2.0  # intervals that the first ramp is cut into, at least
+_PARTS = 2.0  # of a ramp, or of a turn by 1 rad where there is none: intervals at the ends
+_LEAST = 1e-4  # share of the time at full speed that a drive takes at least
+_NEAR_M = 0.1
 _MAX_ITERATIONS = 100
 _POINTS, _WEIGHTS = (np.polynomial.legendre.leggauss(4) + np.array([[1.0], [0.0]])) / 2
 
 
-def turning_drives(problem: Problem, guess: Motion) -> Iterator[tuple[Motion, SpeedProfile]]:
+class TurningDrive(NamedTuple):
+    """A drive that was found.
+
+    Attributes:
+        motion: Its one phase.
+        profile: How fast it is.
+        iterations: Of the program.
+    """
+
+    motion: Motion
+    profile: SpeedProfile
+    iterations: int
+
+
+def turning_drives(problem: Problem, guess: Motion) -> Iterator[TurningDrive]:
     """Yield drives to the goal, each the quickest next to where it starts.
 
     Args:
-        problem: The problem of a robot with a limit of acceleration.
+        problem: The problem.
         guess: A drive, one rigid phase.
     """
     begin, end = guess.states[0, 0], guess.end.copy()
     turn = float(end[2] - begin[2])
-    other = turn - math.copysign(math.tau, turn)
     vertices, quickest_s = twist_vertices(rigid_rows(problem.robot, begin[POSE:])), math.inf
     fastest = math.inf if vertices is None else float(vertices[:, 2].max())
-    for turned in (turn, other) if problem.goal.phi_modulo else (turn,):
+    around = (turn, turn - math.copysign(math.tau, turn))
+    for turned in around if problem.goal.phi_modulo else around[:1]:
         end[2] = begin[2] + turned
         for aside in _ASIDE_RAD:
-            if out_of_effort() or abs(turned) > fastest * quickest_s:
+            if abs(turned) > fastest * quickest_s:
                 return
             if (found := _solved(problem, begin, end, aside)) is not None:
-                quickest_s = min(quickest_s, found[1].duration_s)
+                quickest_s = min(quickest_s, found.profile.duration_s)
                 yield found
+            if out_of_effort():
+                return
 
 
-def _solved(
-    problem: Problem, begin: Array, end: Array, aside: float
-) -> tuple[Motion, SpeedProfile] | None:
+def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> TurningDrive | None:
     """The drive that the program finds from a straight way with headings that go aside, or None."""
     robot, n = problem.robot, _INTERVALS
-    most = robot.limits.wheel_acceleration_rad_s2 or math.inf
     speeds, wheels = drive_rows(robot, begin[POSE:])
-    far = end[:POSE] - begin[:POSE]
-    ramp_s = robot.limits.wheel_speed_rad_s / most
-    at_speed_s = float(np.abs(speeds).max(axis=0) @ np.abs(far))
-    d = _lengths(n * ramp_s / _RAMPS / max(at_speed_s, 1e-9))
-    share = np.append(0.0, np.cumsum(d))[:, None] / n
-    poses = begin[:POSE] + share * far
-    poses[:, 2] += aside * np.sin(np.pi * share[:, 0])
+    far, most = (end - begin)[:POSE], robot.limits.wheel_acceleration_rad_s2
+    swift_s = robot.limits.wheel_speed_rad_s / most if most else float(np.abs(speeds[:, 2]).max())
+    at_speed_s = float(np.abs(speeds).max(axis=0) @ np.abs(far)) + 1e-9
+    d = _lengths(n * swift_s / _PARTS / at_speed_s)
+    share = np.append(0.0, np.cumsum(d)) / n
+    poses = begin[:POSE] + share[:, None] * far
+    poses[:, 2] += aside * np.sin(np.pi * share)
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    rates = np.gradient(poses, n * share[:, 0], axis=0)
-    ahead, aside_ = c * rates[:, 0] + s * rates[:, 1], c * rates[:, 1] - s * rates[:, 0]
-    nodes = np.column_stack([ahead, aside_, rates[:, 2]])
-    nodes[[0, -1]] = 0.0
-    h = max(float(np.abs(nodes @ speeds.T).max()), at_speed_s / n)
+    x, y, turn = np.gradient(poses, n * share, axis=0).T
+    nodes = np.column_stack([c * x + s * y, c * y - s * x, turn])
+    h_s, origin = at_speed_s / n, begin[:POSE] * [1, 1, 0]
+    unit = np.array([*[max(float(np.abs(far[:2]).max()), _NEAR_M)] * 2, 1.0])  # of displacements
+    rows, gains = speeds * unit / h_s, wheels * unit / (h_s**2 * (most or math.inf))
     low, high = np.full((2, n + 1, 2 * POSE), [[[-np.inf]], [[np.inf]]])
-    low[[0, -1], :POSE] = high[[0, -1], :POSE] = 0.0
-    low[0, POSE:] = high[0, POSE:] = begin[:POSE]
-    low[-1, POSE:], high[-1, POSE:] = (edge[:POSE] for edge in problem.goal.box(end))
+    if most:
+        nodes[[0, -1]] = low[[0, -1], :POSE] = high[[0, -1], :POSE] = 0.0
+    low[0, POSE:] = high[0, POSE:] = begin[:POSE] - origin
+    box = problem.goal.box(end)
+    low[-1, POSE:], high[-1, POSE:] = ((edge[:POSE] - origin) / unit for edge in box)
     solver, (equations, limits), _ = _program(len(speeds))
     with ALONE:
         solution = solver(
-            x0=np.append(np.hstack([nodes, poses]), h**2),
-            p=np.concatenate([speeds.ravel(), wheels.ravel() / most, d]),
-            lbx=np.append(low, (robot.limits.phase_s / n) ** 2),
+            x0=np.append(np.hstack([nodes, poses - origin]) / [*unit, *unit], 1.0),
+            p=np.concatenate([rows.ravel(), gains.ravel(), d]),
+            lbx=np.append(low, max(robot.limits.phase_s / n / h_s, _LEAST) ** 2),
             ubx=np.append(high, np.inf),
             lbg=np.append(np.zeros(equations), np.full(limits, -np.inf)),
             ubg=np.zeros(equations + limits),
         )
-        status = solve_status(solver.stats()["return_status"])
-    if status not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
+        stats = solver.stats()
+    if solve_status(stats["return_status"]) not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
         return None
-    *nodes, g = ca.DM(solution["x"]).full().ravel()
+    *found, g = ca.DM(solution["x"]).full().ravel()
     w = np.zeros((n + 1, INPUTS))
-    w[:, 2:] = np.reshape(nodes, (n + 1, -1))[:, :POSE]
+    w[:, 2:] = np.reshape(found, (n + 1, -1))[:, :POSE] * unit
     inputs, changes = d[:, None] * (w[1:] + w[:-1]) / 2, d[:, None] * np.diff(w, axis=0)
     states = np.vstack([begin, drive(begin, inputs[:, 2:], changes[:, 2:])])
     motion = Motion(robot, (robot.rigid,), inputs[None], states[None], changes[None])
     if not problem.goal.met_at(motion.end):
         return None
-    return motion, lasting(motion, 0, d * math.sqrt(g))
+    return TurningDrive(motion, lasting(motion, 0, d * math.sqrt(g) * h_s), stats["iter_count"])
 
 
 def _lengths(first: float) -> Array:
     """Lengths of the intervals, (n,), of mean 1: even, or growing from such a first one on."""
     from_end = np.minimum(np.arange(_INTERVALS), np.arange(_INTERVALS)[::-1])
-    if first >= 1:
-        return np.ones(_INTERVALS)
-    growth = brentq(lambda q: first * (q**from_end).sum() - _INTERVALS, 1.0, 100.0)
-    return first * growth**from_end
+    growth = max(0.0, 1 - first) * _INTERVALS / (from_end**2).sum()
+    return min(1.0, first) + growth * from_end**2
 
 
-@cache
+@lru_cache(4)
 def _program(speeds: int) -> tuple[ca.Function, tuple[int, int], Stopping]:
     """The program for so many rows of speed limits, its numbers of equations and of limits."""
     n = _INTERVALS
@@ -135,7 +151,7 @@ def _program(speeds: int) -> tuple[ca.Function, tuple[int, int], Stopping]:
         shift += weight * ca.vertcat(c * at[0, :] - s * at[1, :], s * at[0, :] + c * at[1, :])
     moved = ca.vertcat(d * shift[0, :], d * shift[1, :], d * mean[2, :])
     equations = ca.vec(q[:, 1:] - q[:, :-1] - moved)
-    fast, gains = ca.vec(rows.T @ w[:, 1:-1]), wheels.T @ change
+    fast, gains = ca.vec(rows.T @ w), wheels.T @ change
     most = g * ca.vec(ca.repmat(d, WHEELS, 1))
     limits = [sign * fast - ca.sqrt(g) for sign in (1, -1)]
     limits += [sign * ca.vec(gains) - most for sign in (1, -1)]
@@ -146,5 +162,5 @@ def _program(speeds: int) -> tuple[ca.Function, tuple[int, int], Stopping]:
         "f": g,
         "g": ca.vertcat(equations, limit),
     }
-    solver, stopping = solver_of(nlp, _MAX_ITERATIONS)
+    solver, stopping = solver_of(nlp, _MAX_ITERATIONS, Cost.DRIVE_STEP)
     return solver, (equations.numel(), limit.numel()), stopping

@@ -160,16 +160,24 @@ def last_shape(problem: Problem) -> Footprint | None:
     return held if len(held.inner) else None
 
 
-def unit_without_way(problem: Problem) -> int | None:
-    """A locomotion unit, 1 or 2, that is proved to have no way to the goal in any shape."""
+def unit_without_way(problem: Problem, *, wheels: bool = False) -> int | None:
+    """A locomotion unit, 1 or 2, that is proved to have no way to the goal in any shape.
+
+    By its inscribed disc or, with ``wheels``, by all of it at every heading, which takes longer.
+    """
     goal, width = problem.goal.configuration, problem.goal.half_width
     if not problem.obstacles or not np.isfinite(goal).all() or width.max() > _MOST_PER_M:
         return None
-    from twosra_mpc.space.possible import blocked_unit
+    from twosra_mpc.space.possible import blocked_unit, unit_apart
 
-    # Around b0 a unit's centre moves by less than the footprint's radius a radian.
-    geometry = problem.robot.geometry
+    # Around b0 a unit's points move by less than the footprint's radius a radian.
+    geometry, world, start = problem.robot.geometry, problem.world, problem.start.configuration
     radius = footprint(geometry, goal[POSE:]).radius_m
     off_m = float(np.hypot(*width[:2])) + radius * float(width[2])
     off_m += moved_by_bending_m(geometry, width[POSE:])
-    return blocked_unit(geometry, problem.world, problem.start.configuration, goal, off_m)
+    near = Separation(footprint(geometry, start[POSE:]), world, world.clearance_m)
+    kept = near.kept_from_m(start[None, :POSE])  # as the first leg may keep less
+    if not wheels:
+        return blocked_unit(geometry, world, start, goal, off_m, kept)
+    off = off_m, float(width[2] + width[POSE:] @ geometry.lengths_m)
+    return unit_apart(geometry, world, (start, goal), off, kept)

@@ -19,7 +19,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import Mode
 
-_CELLS = 160  # along the plane, where it is not cut finer
+_CELLS = 160  # along the coarse plane
 _ALONE = (1, 0), (0, 1)
 
 Bools = NDArray[np.bool_]
