@@ -217,7 +217,7 @@ def test_a_plan_that_does_not_verify_is_not_adopted() -> None:
 
 def test_a_goal_that_was_reached_unseen_is_not_called_reached() -> None:
     """The camera dies while the robot looks where it has come to."""
-    made = planned("rigid-move", robot=ARC)
+    made = planned("rigid-move", robot=ARC, gap=0.06)
     robot = ForeignRobot(made.problem, 0, "dead camera", made.duration_s + 1.0)
     run = Executor(robot).run(made)
     assert run.ending is Ending.UNSEEN

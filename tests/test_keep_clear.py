@@ -32,7 +32,7 @@ AT_ONCE = ExecutorSettings(stops=0)
 def drive(**around: Any) -> Problem:
     """A straight robot to be driven along its own axis."""
     start, goal = {"x_m": 0.0, "y_m": 0.0, **STRAIGHT}, {"x_m": 0.3, "y_m": 0.0, **STRAIGHT}
-    return load_problem("rigid-move", start=start, goal=goal).with_values(**around)
+    return load_problem("rigid-move", start=start, goal=goal, gap=0.06).with_values(**around)
 
 
 @pytest.fixture(scope="module")

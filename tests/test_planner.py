@@ -185,7 +185,8 @@ def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
 
 
 def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sequence_solver, "solve", Mock(side_effect=KeyboardInterrupt))
+    drives = Mock(side_effect=[(), KeyboardInterrupt])  # the second, once there is a bound
+    monkeypatch.setattr(sequence_solver, "turning_drives", drives)
     with pytest.raises(PlanInterrupted, match="interrupted") as raised:  # which ends a user's loop
         plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     result = raised.value.result

@@ -161,8 +161,10 @@ class GoalSolver:
         for motion, profile, count in turning_drives(problem, guess) if drives else ():
             candidate = timed(motion, network, problem, count, profiles=(profile,))
             self.iterations += count
-            turned = checked(self._asked, candidate, network) or turned
-            yield turned
+            made = checked(self._asked, candidate, network)
+            turned = made or turned
+            if not (made and first and first[0] * (1 - problem.gap) <= made[0]):
+                yield made  # else the screw, which is simpler, is as good as is asked
         if turned is None and not out_of_effort():
             candidate = solve(guess, network, problem)
             self.iterations += candidate.iterations if candidate else 0
