@@ -330,11 +330,13 @@ def test_the_top_level_stays_small() -> None:
 # Size that the package has reached. A change that needs more says here what for.
 # 268 lines and a file prove the bounds of missions anew, what tasks ask being read there for a
 # second time; 780 and eight files are the studio, with the map of goals and its figure.
-# 300 and three files plan for joint bends that end elsewhere, with a bound; 200 are the limit of
-# singular shapes, in plans, bounds and checks.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_941, 209
-MOST_LINES = 36_837
-MOST_LINES_OF_TESTS = 32_842
+# 450 and three files plan for joint bends that end elsewhere, with a proved bound; 200 are the limit
+# of singular shapes, in plans, bounds and checks, 300 and two files the ways past them, the proofs
+# that there are none, and the room that a unit needs. 190 and a file are drives that turn, 60 in the
+# loop tell when metal has coasted long enough, and 40 plan as if no obstacle were there.
+MOST_CORE_LINES, MOST_CORE_FILES = 29_537, 212
+MOST_LINES = 37_433
+MOST_LINES_OF_TESTS = 32_111
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 
