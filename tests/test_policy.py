@@ -233,7 +233,7 @@ def test_runs_rely_on_no_joint_bend_once_one_has_missed_and_tell_how_it_went(
     assert not any(relies(other.sequence) for other in others)
     told, robot = told_by(simulation.run, ROBOT), SimulatedRobot(problem, "arc", HARD, 100)
     drawn = vars(vars(robot)["_motion"])["_drift"][1, 1]
-    assert told.split == pytest.approx(drawn.split, abs=0.03)
+    assert told.split == pytest.approx(drawn.split, abs=0.04)
     assert told.relaxation == pytest.approx(0.0, abs=0.06)
     files = tmp_path / "run.json", tmp_path / "robot.toml"
     write_json(files[0], simulation.run.to_dict())

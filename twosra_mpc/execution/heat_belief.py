@@ -424,8 +424,8 @@ class HeatBelief(ArrayValue):
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
     kinds = healthy_kinds(robot, air_C, segment)
-    farther = 1 + np.abs(kinds.described)  # end of the range: it is as likely as any end
-    prior = Prior(kinds.described, np.diag((_PRIOR * farther) ** -2.0))
+    wide = _PRIOR * (1 + np.abs(kinds.described))  # as the farther end of the range is far
+    prior = Prior(kinds.described, np.diag(wide**-2.0))
     covariance, start = _inverse(prior.precision), kinds.start(start_C, start_C)
     fit = _fit(kinds, start, covariance, prior.mean[None])
     cut_C = robot.heater.temperature_max_C - _BEFORE_LIMIT_K

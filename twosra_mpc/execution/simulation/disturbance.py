@@ -34,7 +34,7 @@ class Disturbance:
         bend_share: Share of the commanded bending rate that is reached.
         lengths: Relative errors of the geometry's lengths.
         thermal_ranges: Width of the thermal parameters' ranges, 1: as in the robot file.
-        thermistor: Relative errors of the thermistor and its resistor.
+        thermistor: Tolerance of the thermistor and its resistor, a share.
         camera: Noise and rounding of the frames.
         delay_frames: Least and largest delay of the frames.
         planning_s: How long the rest is planned when it is; the last command stays in force.
@@ -83,7 +83,7 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "bend_share": ((0.9, 1.1), (0.7, 1.2), (0.5, 1.3)),  # rigid bodies, as above
     "lengths": (0.005, 0.01, 0.02),  # assumed: measuring 40 mm to 0.2 to 0.8 mm
     "thermal_ranges": (0.5, 1.0, 1.0),  # half of the ranges in the robot file, or all
-    "thermistor": (0.005, 0.01, 0.02),  # parts of 1 % are the ones that are sold
+    "thermistor": (0.005, 0.01, 0.01),  # parts of 1 % are the ones that are sold, and watched
     "camera": (_camera(0.5), _camera(1.0), _camera(2.0)),  # once: as between phases of the logs
     "delay_frames": ((1, 1), (1, 2), (2, 2)),  # assumed, of 15 Hz
     "planning_s": (1.0, 2.0, 5.0),  # half of them take less than 0.5 s, among obstacles some 5 s

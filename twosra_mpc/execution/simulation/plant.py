@@ -444,7 +444,7 @@ def true_sensor(
     nominal: TemperatureSensor, what: Disturbance, differences: np.random.Generator
 ) -> TemperatureSensor:
     """Draw a sensor whose parts are off, and which may be faster than its description."""
-    parts = what.thermistor * differences.standard_normal(3)
+    parts = what.thermistor * differences.uniform(-1.0, 1.0, 3)
     faster = 1 - what.thermal_ranges * (1 - _SHORTEST_LAG) * differences.random()
     return replace(
         nominal,
