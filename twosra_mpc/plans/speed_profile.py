@@ -84,16 +84,27 @@ class SpeedProfile:
 
 
 def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
-    """The quickest speed profile of each phase within the robot's limits."""
+    """The quickest speed profile of each phase within the robot's limits, where not told."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
-        durations = interval_durations(motion)
+        durations = np.where(motion.lasting_s > 0, motion.lasting_s, interval_durations(motion))
         made = (lasting(motion, i, own) for i, own in enumerate(durations))
         return tuple(map(_noticed, made))
     charge(Cost.PROFILE, motion.inputs[..., 0].size)
     parts = list(_smooth_parts(motion))
-    whole = list(zip(parts, _from_rest_to_rest(motion, parts), strict=True))
+    whole = [*zip((part.phase for part in parts), _from_rest_to_rest(motion, parts), strict=True)]
+    whole = sorted([*whole, *_told(motion)], key=lambda each: float(each[1].x[0]))
     phases = range(len(motion.sequence))
-    return tuple(_joined(motion, i, [own for p, own in whole if p.phase == i]) for i in phases)
+    return tuple(_joined(motion, i, [own for p, own in whole if p == i]) for i in phases)
+
+
+def _told(motion: Motion) -> Iterator[tuple[int, SpeedProfile]]:
+    """Phase and profile of each run of intervals of which it is told how long they last."""
+    phase, k = np.nonzero(motion.lasting_s)
+    breaks = np.flatnonzero((np.diff(phase) != 0) | (np.diff(k) != 1)) + 1
+    for run in np.split(np.arange(len(k)), breaks) if len(k) else ():
+        own = np.zeros(motion.lasting_s.shape[1])
+        own[k[run]] = motion.lasting_s[phase[run[0]], k[run]]
+        yield int(phase[run[0]]), lasting(motion, int(phase[run[0]]), own)
 
 
 def _noticed(profile: SpeedProfile) -> SpeedProfile:
@@ -164,7 +175,7 @@ class _Part(NamedTuple):
 def _smooth_parts(motion: Motion) -> Iterator[_Part]:
     """Every phase from rest to rest, and to rest where its path has a corner."""
     lengths = np.linalg.norm(motion.inputs, axis=2)
-    phase, k = np.nonzero(lengths > _NOTHING)
+    phase, k = np.nonzero((lengths > _NOTHING) & (motion.lasting_s == 0))
     if not len(k):
         return
     ends = np.concatenate([motion.states[phase, k], motion.states[phase, k + 1]])

@@ -158,8 +158,10 @@ class GoalSolver:
             return
         drives = not any(map(any, network.sequence))  # all there is to do is to drive
         turned = None
-        for motion, profile, count in turning_drives(problem, guess) if drives else ():
-            candidate = timed(motion, network, problem, count, profiles=(profile,))
+        ends = guess.states[0, 0], guess.end
+        turning = turning_drives(problem.robot, problem.goal, *ends) if drives else ()
+        for motion, count in turning:
+            candidate = timed(motion, network, problem, count)
             self.iterations += count
             made = checked(self._asked, candidate, network)
             turned = made or turned

@@ -29,10 +29,10 @@ from twosra_mpc.model.flow import Motion, drive
 from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
 from twosra_mpc.planning.solver.fixed_sequence import ALONE, SolveStatus, solve_status
 from twosra_mpc.planning.solver.multiple_shooting import Stopping, solver_of
-from twosra_mpc.plans.speed_profile import SpeedProfile, lasting
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.speeds import drive_rows, rigid_rows
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
+from twosra_mpc.robot.description import Robot
 
 _INTERVALS = 24
 _ASIDE_RAD = (0.4, -0.4)  # of the headings half way, in starts: ahead may be a saddle
@@ -44,46 +44,44 @@ _POINTS, _WEIGHTS = (np.polynomial.legendre.leggauss(4) + np.array([[1.0], [0.0]
 
 
 class TurningDrive(NamedTuple):
-    """A drive that was found.
-
-    Attributes:
-        motion: Its one phase.
-        profile: How fast it is.
-        iterations: Of the program.
-    """
+    """A drive that was found: its one phase, and the iterations of the program."""
 
     motion: Motion
-    profile: SpeedProfile
     iterations: int
 
 
-def turning_drives(problem: Problem, guess: Motion) -> Iterator[TurningDrive]:
-    """Yield drives to the goal, each the quickest next to where it starts.
+def turning_drives(
+    robot: Robot, goal: GoalSet, begin: Array, end: Array
+) -> Iterator[TurningDrive]:
+    """Yield drives to a goal, each the quickest next to where it starts.
 
     Args:
-        problem: The problem.
-        guess: A drive, one rigid phase.
+        robot: The robot.
+        goal: What they end in.
+        begin: Configuration in which they begin, (3 + n,).
+        end: One in which they might end, (3 + n,).
     """
-    begin, end = guess.states[0, 0], guess.end.copy()
-    turn = float(end[2] - begin[2])
-    vertices, quickest_s = twist_vertices(rigid_rows(problem.robot, begin[POSE:])), math.inf
+    turn, end = float(end[2] - begin[2]), end.copy()
+    vertices, quickest_s = twist_vertices(rigid_rows(robot, begin[POSE:])), math.inf
     fastest = math.inf if vertices is None else float(vertices[:, 2].max())
     around = (turn, turn - math.copysign(math.tau, turn))
-    for turned in around if problem.goal.phi_modulo else around[:1]:
+    for turned in around if goal.phi_modulo else around[:1]:
         end[2] = begin[2] + turned
         for aside in _ASIDE_RAD:
             if abs(turned) > fastest * quickest_s:
                 return
-            if (found := _solved(problem, begin, end, aside)) is not None:
-                quickest_s = min(quickest_s, found.profile.duration_s)
+            if (found := _solved(robot, goal, begin, end, aside)) is not None:
+                quickest_s = min(quickest_s, float(found.motion.lasting_s.sum()))
                 yield found
             if out_of_effort():
                 return
 
 
-def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> TurningDrive | None:
+def _solved(
+    robot: Robot, goal: GoalSet, begin: Array, end: Array, aside: float
+) -> TurningDrive | None:
     """The drive that the program finds from a straight way with headings that go aside, or None."""
-    robot, n = problem.robot, _INTERVALS
+    n = _INTERVALS
     speeds, wheels = drive_rows(robot, begin[POSE:])
     far, most = (end - begin)[:POSE], robot.limits.wheel_acceleration_rad_s2
     swift_s = robot.limits.wheel_speed_rad_s / most if most else float(np.abs(speeds[:, 2]).max())
@@ -102,7 +100,7 @@ def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> Turning
     if most:
         nodes[[0, -1]] = low[[0, -1], :POSE] = high[[0, -1], :POSE] = 0.0
     low[0, POSE:] = high[0, POSE:] = begin[:POSE] - origin
-    box = problem.goal.box(end)
+    box = goal.box(end)
     low[-1, POSE:], high[-1, POSE:] = ((edge[:POSE] - origin) / unit for edge in box)
     solver, (equations, limits), _ = _program(len(speeds))
     with ALONE:
@@ -122,10 +120,9 @@ def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> Turning
     w[:, 2:] = np.reshape(found, (n + 1, -1))[:, :POSE] * unit
     inputs, changes = d[:, None] * (w[1:] + w[:-1]) / 2, d[:, None] * np.diff(w, axis=0)
     states = np.vstack([begin, drive(begin, inputs[:, 2:], changes[:, 2:])])
-    motion = Motion(robot, (robot.rigid,), inputs[None], states[None], changes[None])
-    if not problem.goal.met_at(motion.end):
-        return None
-    return TurningDrive(motion, lasting(motion, 0, d * math.sqrt(g) * h_s), stats["iter_count"])
+    told = inputs[None], states[None], changes[None], (d * math.sqrt(g) * h_s)[None]
+    motion = Motion(robot, (robot.rigid,), *told)
+    return TurningDrive(motion, stats["iter_count"]) if goal.met_at(motion.end) else None
 
 
 def _lengths(first: float) -> Array:
