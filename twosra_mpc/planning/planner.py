@@ -214,6 +214,8 @@ def _unhindered(
     from twosra_mpc.planning.stages.necessity import same_shape
     from twosra_mpc.space.screws import moved
 
+    if len(variants := ways_of(problem).variants) == 1:
+        problem = variants[0].problem  # a task that comes last is the goal
     around = Surroundings(problem.world, problem.robot.geometry)
 
     def overlaps(q: Array) -> bool:
@@ -320,7 +322,9 @@ def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
 
 def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | None]:
     """Yield drives without a melt, if that suffices: a screw; if it may gain, one that turns."""
-    node = tree.drives()
+    stages, only = tree.variants[0], len(tree.variants) == 1
+    solid = only and tree.first == stages[0].rigid
+    node = tree.opened(0, ((tree.first,),) * (len(stages) - 1)) if solid else tree.root()
     least = tree.leaf_bound(node)
     for found in itertools.islice(tree.solve(node) if least < math.inf else (), 2):
         yield found

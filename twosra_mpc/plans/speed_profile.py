@@ -92,7 +92,8 @@ def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
     charge(Cost.PROFILE, motion.inputs[..., 0].size)
     parts = list(_smooth_parts(motion))
     whole = [*zip((part.phase for part in parts), _from_rest_to_rest(motion, parts), strict=True)]
-    whole = sorted([*whole, *_told(motion)], key=lambda each: float(each[1].x[0]))
+    if motion.lasting_s.any():
+        whole = sorted([*whole, *_told(motion)], key=lambda each: float(each[1].x[0]))
     phases = range(len(motion.sequence))
     return tuple(_joined(motion, i, [own for p, own in whole if p == i]) for i in phases)
 

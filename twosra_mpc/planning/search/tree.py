@@ -257,12 +257,6 @@ class Tree(Generic[Solution]):
         """No variant chosen, unless there is but one."""
         return Node(-1) if len(self.variants) > 1 else self.opened(0, ())
 
-    def drives(self) -> Node:
-        """The root, or where all stages but the last are drives alone, if that is one way."""
-        stages = self.variants[0]
-        solid = len(self.variants) == 1 and self.first == stages[0].rigid
-        return self.opened(0, ((stages[0].rigid,),) * (len(stages) - 1)) if solid else self.root()
-
     def opened(self, variant: int, sequences: tuple[ModeSequence, ...]) -> Node:
         """The node where the next stage begins, if there is one."""
         stages = self.variants[variant]
