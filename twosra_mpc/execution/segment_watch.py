@@ -248,7 +248,7 @@ class SegmentWatch:
             self._check_likeness(passed_s, temperature_C, self.belief)
         heats = self.allowed_C(setpoint_C) >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
-        self._check_progress(time_s, temperature_C, stiffness, heats)
+        self._check_progress(time_s, temperature_C, stiffness)
 
     def _asked_by(self, setpoint_C: float) -> Asked:
         if setpoint_C >= self._heater.soft_setpoint_C:
@@ -425,12 +425,11 @@ class SegmentWatch:
             self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
 
     def _check_progress(
-        self, time_s: float, here_C: float, stiffness: KnownStiffness | None, heats: bool
+        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
     ) -> None:
-        """Changes that take longer than the model's times allow, once begun."""
+        """Changes that take longer than the model's times allow, also with the heater at rest."""
         stretch = self._stretch
-        rests = self._asked == "soft" and not heats
-        if rests or self._asked == "warm" or stiffness == self._asked:
+        if self._asked == "warm" or stiffness == self._asked:
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C
