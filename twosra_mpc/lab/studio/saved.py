@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from typing import Any, Literal
 
+from twosra_mpc.lab.report.page import report_page, scenario_toml
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.setpoints import setpoints_csv
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.report.page import report_page, scenario_toml
 from twosra_mpc.validation import Value
 
 
