@@ -12,6 +12,7 @@ import click
 from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.csv_table import numbers_in
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
     BAND_NAMES,
@@ -99,10 +100,7 @@ def estimate_curvature_command(
 
 def pixel(text: str) -> tuple[float, float]:
     """Return the pixel (x, y) that a text names; otherwise raises an InputError."""
-    try:
-        x, y = map(float, text.split(","))
-    except ValueError:
-        raise InputError("towards", text, "two numbers: 37,34") from None
+    x, y = numbers_in(text, "towards", "two numbers: 37,34", 2)
     return x, y
 
 

@@ -336,8 +336,8 @@ def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
 
 def _tasks(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
     for number, stage in enumerate(stretches(plan.trajectory), start=1):
-        title = f"{number}: {stage.words}, {_during(stage.from_s, stage.to_s)}"
-        span = _span(stretch, stage.from_s, stage.to_s, "done", f"{number} {stage.words}", title)
+        words = f"{number} {stage.words}", f"{number}: {stage.words}"
+        span = _span(stretch, stage.from_s, stage.to_s, "done", *words)
         fits = len(span.label) + 1 < span.width  # else the number alone
         yield span if fits else span._replace(label=str(number))
 
@@ -346,16 +346,14 @@ def _motion(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
     for phase in plan.phases:
         soft = [f"segment {j + 1}" for j in soft_segments(phase.mode)]
         what = f"bending {' and '.join(soft)}" if soft else "driving rigidly"
-        title = f"{mode_name(phase.mode)} {what}, {_during(phase.start_s, phase.end_s)}"
-        look = "bending" if soft else "driving"
-        yield _span(stretch, phase.start_s, phase.end_s, look, mode_name(phase.mode), title)
+        look, mode = "bending" if soft else "driving", mode_name(phase.mode)
+        yield _span(stretch, phase.start_s, phase.end_s, look, mode, f"{mode} {what}")
 
 
 def _stiffness(intervals: Sequence[Interval], segment: int, stretch: TimeStretch) -> Iterator[Span]:
     for low, high, state in intervals:
         if high > low:
-            title = f"segment {segment} {state}, {_during(low, high)}"
-            yield _span(stretch, low, high, state, state, title)
+            yield _span(stretch, low, high, state, state, f"segment {segment} {state}")
 
 
 def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Span]:
@@ -365,19 +363,16 @@ def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Sp
     for first, last in pairwise(changes):
         if current[first] > 0 and first < last:
             low, high = float(samples.t_s[first]), float(samples.t_s[last])
-            title = f"heater {segment} at {current[first]:z.3g} A, {_during(low, high)}"
-            label = f"{current[first]:z.2g} A"
-            span = _span(stretch, low, high, "heating", label, title)
+            what = f"heater {segment} at {current[first]:z.3g} A"
+            span = _span(stretch, low, high, "heating", f"{current[first]:z.2g} A", what)
             yield span._replace(level=round(float(current[first]) / most, 3))
 
 
-def _span(stretch: TimeStretch, low: float, high: float, look: str, label: str, title: str) -> Span:
+def _span(stretch: TimeStretch, low: float, high: float, look: str, label: str, what: str) -> Span:
+    """Part of a lane from one time to another, whose title says what is done and when."""
     left, right = (100 * stretch.forward(np.array([low, high]))).tolist()
+    title = f"{what}, {low:z.2f} s to {high:z.2f} s"
     return Span(round(left, 3), round(right - left, 3), look, label, title)
-
-
-def _during(low: float, high: float) -> str:
-    return f"{low:z.2f} s to {high:z.2f} s"
 
 
 def ticks(stretch: TimeStretch) -> list[Tick]:

@@ -56,7 +56,7 @@ class Pull(Value):
 
 
 class Ask(Value):
-    """What a page asks: a problem as scenario document, and what it wants to see.
+    """Request of a page: a problem as scenario document, and the views it wants.
 
     ``pull`` bends the problem first, ``path_model`` gives its robot another one. ``box_mm`` is the
     part of the plane that is drawn, corner and size, y down; without it all of the problem. With
@@ -177,7 +177,7 @@ def _planned(
 
 
 def told(result: Result, *, complete: bool) -> Record:
-    """What planning came to, as the page tells it."""
+    """Result of planning, as the page shows it."""
     made, found = result.plan, result.found
     record = {
         "kind": "result",

@@ -1,4 +1,4 @@
-"""What a page saves: the problem as a scenario or as Python, its plan, set-points or a report."""
+"""Files that a page saves: scenario, Python program, plan, set-points or report of a problem."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twosra_mpc.validation import Value
 
 
 class Saved(Value):
-    """What a page wants to save: a problem as scenario document, and what of it."""
+    """Request to save a problem, a scenario document, in one of the forms."""
 
     problem: dict[str, Any]
     form: Literal["toml", "json", "html", "csv", "py"]

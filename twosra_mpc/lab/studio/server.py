@@ -50,7 +50,7 @@ Work = Callable[[GivenUp], Iterator[Record]]
 
 
 class MapAsked(Value):
-    """What a page asks of a map: a problem as scenario document, and two coordinates."""
+    """Request of a map: a problem as scenario document, and two coordinates of its goal."""
 
     problem: dict[str, Any]
     over: Several[str]
@@ -125,7 +125,7 @@ class Server:
     # Who may ask.
 
     def _refusal(self, request: Request, token: str | None) -> str | None:
-        """Why a request is not answered; None if it is."""
+        """Reason for refusing a request; None if it is answered."""
         hosts = {f"{host}:{self._port}" for host in _HOSTS}
         if request.headers.get("host") not in hosts:
             return "this server answers this computer only"
@@ -289,7 +289,7 @@ def _closed(records: Any) -> None:
 
 
 def _told(error: Exception) -> Record:
-    """What went wrong, in words."""
+    """Error in words, with the field that is wrong."""
     if isinstance(error, InputError):
         return {**_refused(str(error)), "field": error.field}
     if isinstance(error, TwosraError | ValueError | RecursionError | OSError):
