@@ -107,19 +107,7 @@ def pixel(text: str) -> tuple[float, float]:
 def _document(found: list[list[Estimate]]) -> dict[str, Any]:
     known = summary(found)
     known.pop("bands_mse_per_m2")
-    estimates = [
-        {
-            "picture": str(each.path),
-            "reference_per_m": each.reference_per_m,
-            "published_per_m": each.published_per_m,
-            "arc_per_m": each.arc_per_m,
-            "arc_standard_error_per_m": each.measured and each.measured.arc.standard_error_per_m,
-            "arc_p_value": each.measured and each.measured.arc.p_value,
-            "refused": each.refused or None,
-        }
-        for one in found
-        for each in one
-    ]
+    estimates = [{**each.record, "picture": str(each.path)} for one in found for each in one]
     return {**known, "estimates": estimates}
 
 
