@@ -336,8 +336,8 @@ def test_the_top_level_stays_small() -> None:
 # limit of singular shapes, in plans, bounds and checks, 300 and two files the ways past them, the
 # proofs that there are none, and the room that a unit needs. 190 and a file are drives that turn,
 # 60 in the loop tell when metal has coasted long enough, and 40 plan as if no obstacle were there.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_399, 201
-MOST_LINES = 37_432
+MOST_CORE_LINES, MOST_CORE_FILES = 28_398, 201
+MOST_LINES = 37_422
 MOST_LINES_OF_TESTS = 32_109
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
