@@ -41,7 +41,7 @@ def built_in_names(folder: str) -> list[str]:
 
 
 def data_file(path: str) -> str:
-    """Text of a file of the package, e.g. ``report/page.css``."""
+    """Text of a file of the package, e.g. ``lab/report/page.css``."""
     return (_PACKAGE / path).read_text(encoding="utf-8")
 
 

@@ -1,11 +1,12 @@
-"""Commands that describe robots and problems: their lists, checks, and new files."""
+"""Commands that describe robots and problems: their lists, new files, and schemas of files."""
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
@@ -15,6 +16,9 @@ from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_document, robot_names
+
+if TYPE_CHECKING:
+    from twosra_mpc.schema import Subject
 
 
 @command("scenarios")
@@ -144,3 +148,26 @@ def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
         return [f"twosra plan {file} --out {plan}", f"twosra verify {plan}"]
     scenario = "three-segments" if source == "3sra" else "rigid-move"
     return [f"twosra check-robot {file}", f"twosra plan {scenario} --robot {file}"]
+
+
+@command("schema")
+@click.argument("subject", type=click.Choice(["scenario", "robot", "plan"]))
+def schema_command(subject: Subject, output: Output) -> None:
+    """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
+
+    \b
+    Completion and checking while you type, in VS Code with the extension "Even Better TOML":
+      twosra schema scenario > scenario.schema.json
+    and then, as the first line of your scenario:
+      #:schema ./scenario.schema.json
+    The same for robots:
+      twosra schema robot > robot.schema.json
+    For programs that read plans:
+      twosra schema plan > plan.schema.json
+
+    For scenarios and plans in JSON, VS Code takes the file in its setting "json.schemas".
+    """
+    from twosra_mpc.schema import json_schema  # the other commands need none of what it describes
+
+    schema = json_schema(subject)
+    output.report(lambda: schema, lambda: click.echo(json.dumps(schema, indent=2)))
