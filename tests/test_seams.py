@@ -335,7 +335,8 @@ def test_the_top_level_stays_small() -> None:
 # 450 and three files plan for joint bends that end elsewhere, with a proved bound; 200 are the
 # limit of singular shapes, in plans, bounds and checks, 300 and two files the ways past them, the
 # proofs that there are none, and the room that a unit needs. 190 and a file are drives that turn,
-# 26 keep the memory of proofs small, 60 in the loop tell when metal has coasted long enough, and 40 plan as if no obstacle were there.
+# 26 keep the memory of proofs small, 60 in the loop tell when metal has coasted long enough, and
+# 40 plan as if no obstacle were there.
 MOST_CORE_LINES, MOST_CORE_FILES = 28_424, 201
 MOST_LINES = 37_448
 MOST_LINES_OF_TESTS = 32_112
