@@ -162,13 +162,15 @@ def _leads_away(free: Callable[[int], Bools], headings: int) -> bool:
 
 def _filled(free: Bools, flood: Bools) -> Bools:
     """Free boxes of one heading to which a flood gets, along rows and columns."""
-    lines, before = (_runs(free), _runs(free.T).T), 0
-    while before < (before := int(flood.sum())):
+    lines = (_runs(free), _runs(free.T).T)
+    while True:
+        before = flood
         for runs in lines:
             wet = np.zeros(free.size + 1, dtype=bool)
             wet[runs[flood]] = True
             flood = wet[runs] & free
-    return flood
+        if np.array_equal(flood, before):
+            return flood
 
 
 def _runs(free: Bools) -> NDArray[np.intp]:
