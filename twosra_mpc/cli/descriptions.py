@@ -6,7 +6,7 @@ import json
 import os
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import click
 
@@ -16,9 +16,6 @@ from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_document, robot_names
-
-if TYPE_CHECKING:
-    from twosra_mpc.schema import Subject
 
 
 @command("scenarios")
@@ -152,7 +149,7 @@ def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
 
 @command("schema")
 @click.argument("subject", type=click.Choice(["scenario", "robot", "plan"]))
-def schema_command(subject: Subject, output: Output) -> None:
+def schema_command(subject: Literal["scenario", "robot", "plan"], output: Output) -> None:
     """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
 
     \b
