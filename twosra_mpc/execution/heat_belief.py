@@ -25,12 +25,14 @@ from twosra_mpc.thermal.model import Array, State
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 20.0  # of the prior; 8.7 at most in 120 runs of healthy segments
-_UNLIKE_TOLD = 8.0  # of readings near the melting point of metal that may be hot; 4.1 in these
+_UNLIKE_COST = 20.0  # of the prior; 10 at most in 400 runs of healthy segments
+_UNLIKE_TOLD = 10.0  # of readings near the melting point of metal that may be hot; 4 in these
 _GAIN = 0.1  # less is not worth a step
-_DOUBT_K, _DOUBT_TOLD = 0.8, 4.0  # from which on the heater waits
+_DOUBT_K, _DOUBT_TOLD = 0.8, 5.0  # from which on the heater waits
+_SLOWLY = 0.4  # share of a misfit that all readings have, and no healthy segment for half a minute
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
+_EITHER = 1.2  # of what is at one end or the other
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
 _ENDS = 1.05  # of the ranges: segments at their ends
 _SURELY = 2.5  # deviations; metal may be so much hotter
@@ -216,7 +218,7 @@ class HeatBelief(ArrayValue):
     @property
     def doubt(self) -> float:
         """Doubt in the last readings: 1 where no healthy segment shows them, more than 0 if few."""
-        told = (self.told - _DOUBT_TOLD) / _UNLIKE_TOLD
+        told = _SLOWLY * self.told / _UNLIKE_TOLD
         return 1.0 if self.misfit >= 1.0 else max(self.square_K2 / _UNLIKE_K**2, told)
 
     @property
@@ -384,7 +386,8 @@ class HeatBelief(ArrayValue):
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())
-        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _DOUBT_TOLD
+        ahead = now.told + max(0.0, now.told - self.told)  # at the next reading
+        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or ahead >= _DOUBT_TOLD
         return replace(now, cut=hot or doubted)
 
     def _told(self) -> float:
@@ -425,6 +428,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     """Believe in a segment (from 0) that has rested at this temperature."""
     kinds = healthy_kinds(robot, air_C, segment)
     wide = _PRIOR * (1 + np.abs(kinds.described))  # as the farther end of the range is far
+    wide[kinds.either] = _EITHER
     prior = Prior(kinds.described, np.diag(wide**-2.0))
     covariance, start = _inverse(prior.precision), kinds.start(start_C, start_C)
     fit = _fit(kinds, start, covariance, prior.mean[None])

@@ -294,7 +294,7 @@ class SegmentWatch:
             return Heat(passed_s, (current_A / heater.melt_current_A) ** 2)
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
-            return Heat(passed_s, 0.0, held_C=now_C if held else None)
+            return Heat(passed_s, 0.0, _EDGE, held_C=now_C) if held else Heat(passed_s, 0.0)
         if soft and heater.hold_duty == 1.0 and now_C > sent_C - _BAND_K:
             share = min(1.0, ((sent_C - now_C) / _BAND_K) ** 2)
             return Heat(passed_s, share, _EDGE, held_C=now_C if now_C > sent_C - _NEAR_K else None)
