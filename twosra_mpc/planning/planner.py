@@ -324,7 +324,7 @@ def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | No
     """Yield drives without a melt, if that suffices: a screw; if it may gain, one that turns."""
     stages, only = tree.variants[0], len(tree.variants) == 1
     solid = only and tree.first == stages[0].rigid
-    node = tree.opened(0, ((tree.first,),) * (len(stages) - 1)) if solid else tree.root()
+    node = tree.opened(0, ((stages[0].rigid,),) * (len(stages) - 1)) if solid else tree.root()
     least = tree.leaf_bound(node)
     for found in itertools.islice(tree.solve(node) if least < math.inf else (), 2):
         yield found
