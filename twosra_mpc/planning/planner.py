@@ -274,7 +274,7 @@ def _search(
     solver: SequenceSolver | Placer = SequenceSolver(
         variants, checked if inside else trusted, worth_s
     )
-    passes = any(stage.through for stage in problem.stages)
+    passes = any(stage.through or stage.follows for stage in problem.stages)
     if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 

@@ -13,7 +13,7 @@ limit on acceleration every interval takes its least time at constant speed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -83,17 +83,22 @@ class SpeedProfile:
         )
 
 
-def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
-    """The quickest speed profile of each phase within the robot's limits."""
+NONE_KNOWN: Mapping[int, SpeedProfile] = {}
+
+
+def fastest(
+    motion: Motion, known: Mapping[int, SpeedProfile] = NONE_KNOWN
+) -> tuple[SpeedProfile, ...]:
+    """The quickest speed profile of each phase within the robot's limits, where none is known."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
         durations = interval_durations(motion)
         made = (lasting(motion, i, own) for i, own in enumerate(durations))
-        return tuple(map(_noticed, made))
+        return tuple(known.get(i, _noticed(own)) for i, own in enumerate(made))
     charge(Cost.PROFILE, motion.inputs[..., 0].size)
-    parts = list(_smooth_parts(motion))
+    parts = list(_smooth_parts(motion, known))
     whole = list(zip(parts, _from_rest_to_rest(motion, parts), strict=True))
-    phases = range(len(motion.sequence))
-    return tuple(_joined(motion, i, [own for p, own in whole if p.phase == i]) for i in phases)
+    own = ([each for p, each in whole if p.phase == i] for i in range(len(motion.sequence)))
+    return tuple(known.get(i) or _joined(motion, i, each) for i, each in enumerate(own))
 
 
 def _noticed(profile: SpeedProfile) -> SpeedProfile:
@@ -161,9 +166,10 @@ class _Part(NamedTuple):
     path: Array
 
 
-def _smooth_parts(motion: Motion) -> Iterator[_Part]:
-    """Every phase from rest to rest, and to rest where its path has a corner."""
+def _smooth_parts(motion: Motion, known: Container[int]) -> Iterator[_Part]:
+    """Every phase that is not known from rest to rest, and to rest where its path has a corner."""
     lengths = np.linalg.norm(motion.inputs, axis=2)
+    lengths[[i in known for i in range(len(lengths))]] = 0.0
     phase, k = np.nonzero(lengths > _NOTHING)
     if not len(k):
         return
@@ -219,7 +225,7 @@ def _profile(
     limits, path = motion.robot.limits, part.path
     spare = 0.0 if is_rigid(motion.sequence[part.phase]) else _BETWEEN
     most = limits.wheel_acceleration_rad_s2 or np.inf
-    b = _squared_speeds(path, (1 + spare) * r, w, (1 - spare) * most)
+    b = squared_speeds(path, (1 + spare) * r, w, (1 - spare) * most)
     speed = np.sqrt(b)
     time = 2 * np.diff(path) / (speed[1:] + speed[:-1])
     turned = w * speed[:, None]
@@ -236,7 +242,7 @@ def _profile(
     )
 
 
-def _squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
+def squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
     """Largest b on the grid from rest to rest, (m,).
 
     On a piece of length d, with W the larger turn per x of a wheel and D the change of it per x,

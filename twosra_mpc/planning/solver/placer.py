@@ -18,8 +18,10 @@ from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, time
 from twosra_mpc.planning.solver.guess import correct_end
 from twosra_mpc.planning.solver.itinerary import Itinerary
 from twosra_mpc.planning.solver.sequence_solver import Solved, checked, shapes, stage_bends
+from twosra_mpc.planning.stages.along import Along
 from twosra_mpc.planning.stages.necessity import necessities
 from twosra_mpc.planning.stages.variants import Placement, Variant, goals_of
+from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
@@ -28,6 +30,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
+from twosra_mpc.space.screws import Bools
 from twosra_mpc.timing import TemporalNetwork
 
 Made = tuple[float, Solved] | None  # (cost, plan), or nothing that verifies
@@ -42,6 +45,33 @@ _SAME_PER_M, _ASKED_PER_M = 1.0, 1e-3
 _STILL = 1e-9  # m, rad or change of W
 _LEAST_BEND = 1e-3  # change of W that is more than rounding
 _LONG_S = 1e5
+
+
+class OneWay(Drives):
+    """The one drive of a stage that follows a path, among the drives of the shape it has."""
+
+    def __init__(self, among: Drives, along: Along) -> None:
+        self.__dict__ |= vars(among)
+        self._along = along
+
+    def leg_times_s(self, start: Array, end: Array) -> Array:
+        """Its time, from wherever it begins."""
+        shape = np.broadcast_shapes(start.shape, end.shape)[:-1]
+        return np.full(shape, self._along.profile.duration_s)
+
+    def time_s(self, poses: Array) -> float:
+        """Its time [s]."""
+        del poses
+        return self._along.profile.duration_s
+
+    def best(self, start: Array, goal: Array) -> Array | None:
+        """Its poses, if they keep clear."""
+        poses = self._along.poses
+        return poses if self.proof(start, goal)(poses[:-1], poses[1:]).all() else None
+
+    def apart(self, start: Array, goal: Array) -> Bools:
+        """Nothing is known."""
+        return np.zeros((len(start), len(goal)), dtype=bool)
 
 
 class Placer:
@@ -128,7 +158,7 @@ class Placer:
             self._drives[key] = Drives(
                 robot, stage.world, shape, held=stage.held, may=stage.may, sagitta_m=stage.sagitta_m
             )
-        return self._drives[key]
+        return self._drives[key] if stage.along is None else OneWay(self._drives[key], stage.along)
 
     def _ways(
         self,
@@ -192,16 +222,20 @@ def _candidate(
     """The motion of a chain on the clock; ends of goals are met exactly."""
     problem, inputs = itinerary.problem, _inputs(network.sequence, itinerary, routes)
     q = problem.start.configuration
-    corrected, first = list[Motion](), 0
+    corrected, first, known = list[Motion](), 0, dict[int, SpeedProfile]()
     for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
-        motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
+        if stage.along is not None:
+            motion, known[first] = stage.along.begun_at(q), stage.along.profile
+        else:
+            motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
         found = correct_end(motion, stage.goal) if stage.reaches else motion
         if found is None:
             return None
         corrected.append(found)
         q, first = found.end, first + len(sequence)
     ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
-    return timed(joined(corrected), network, problem, 0, ends)
+    whole = joined(corrected)
+    return timed(whole, network, problem, 0, ends, fastest(whole, known))
 
 
 def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Array]) -> Array:

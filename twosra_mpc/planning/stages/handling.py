@@ -12,10 +12,11 @@ import numpy as np
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
+from twosra_mpc.planning.stages.along import begins_well, drives_along, least_time_s, part_in_b0
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
+from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
@@ -46,6 +47,8 @@ class Handling:
             yield from self._conformed(stage, stage.along, at)
         if stage.carries is not None:
             yield from self._carried(stage, stage.carries, at)
+        if stage.follows is not None:
+            yield from self._followed(stage, stage.follows, at)
         if stage.releases is not None:
             yield from self._released(stage, at)
 
@@ -185,6 +188,42 @@ class Handling:
         made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held, may=may)
         for some in [ends] if together else [end[None] for end in ends]:
             yield at.after(replace(made, ends=some, within_m=within_m))
+
+    def _followed(self, stage: Stage, task: Follow, at: State) -> Iterator[State]:
+        """The stages that lead along a path, from each place where the one before may end."""
+        robot, hold = self.problem.robot, at.hold
+        begins, kappa = self._known_ends(at)
+        in_b0 = part_in_b0(robot, kappa, task.part)
+        held, may = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
+        if task.object is not None:
+            assert hold is not None, "checked with the problem"
+            in_b0 = hold.pose_in_b0 * [1, 1, self.problem.objects[hold.number].disc is None]
+        refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
+        if all(refused):
+            self.refused.append(f"{task.said(len(at.placements) + 1)}: {refused[0]}")
+        least_s = least_time_s(robot, kappa, task, in_b0)
+        made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
+        for begin, why in zip(begins, refused, strict=True):
+            q = np.concatenate([begin, kappa])
+            for along in drives_along(robot, q, task, in_b0) if why is None else ():
+                if may is not None and not may(along.twists).all():
+                    continue
+                end, before = along.motion.end[None, :POSE], at.placements
+                own = replace(made, ends=end, held=held, may=may, along=along)
+                if before:
+                    before = (*before[:-1], replace(before[-1], ends=begin[None]))
+                yield at._replace(placements=before).after(own)
+
+    def _known_ends(self, at: State) -> tuple[Array, Array]:
+        """Poses of b0 (m, 3) in which what was done so far may end, and the shape (n,)."""
+        start = self.problem.start.configuration
+        if not at.placements:
+            return start[None, :POSE], start[POSE:]
+        last = at.placements[-1]
+        shapes = [each.goal.configuration[POSE:] for each in at.placements]
+        known = [shape for shape in shapes if np.isfinite(shape).all()]
+        ends = last.goal.configuration[None, :POSE] if last.ends is None else last.ends
+        return ends[np.isfinite(ends).all(axis=1)], known[-1] if known else start[POSE:]
 
     def _released(self, stage: Stage, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""

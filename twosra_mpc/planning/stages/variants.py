@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
+from twosra_mpc.planning.stages.along import Along
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass, Stage, orders
@@ -49,6 +50,7 @@ class Placement:
         entries: Shapes from which it gets around what it grasps, as far open as ``openings``.
         away: Surroundings at its end; those of all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
+        along: The one drive that it is, where it follows a path.
     """
 
     stage: Stage
@@ -65,6 +67,7 @@ class Placement:
     entries: tuple[Goal, ...] = ()
     away: World | None = None
     may: May | None = None
+    along: Along | None = None
 
     @property
     def reaches(self) -> bool:
@@ -276,6 +279,6 @@ def _length_m(problem: Problem, stages: Sequence[Placement]) -> float:
     for stage in stages:
         if stage.ends is not None:
             apart = np.linalg.norm(here[:, None, :2] - stage.ends[None, :, :2], axis=-1)
-            far += float(apart.min())
+            far += stage.along.length_m if stage.along else float(apart.min())
             here = stage.ends
     return far
