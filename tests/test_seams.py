@@ -334,9 +334,11 @@ def test_the_top_level_stays_small() -> None:
 # limit of singular shapes, in plans, bounds and checks, 300 and two files the ways past them, the
 # proofs that there are none, and the room that a unit needs. 190 and a file are drives that turn,
 # 60 in the loop tell when metal has coasted long enough, and 40 plan as if no obstacle were there.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_538, 212
-MOST_LINES = 37_434
-MOST_LINES_OF_TESTS = 32_111
+# 501 and three files, with 92 of tests, are the task that follows a path: reading it, its drive,
+# and the check of its tube by other code.
+MOST_CORE_LINES, MOST_CORE_FILES = 30_039, 215
+MOST_LINES = 37_935
+MOST_LINES_OF_TESTS = 32_203
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 
