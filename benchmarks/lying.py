@@ -26,7 +26,7 @@ from twosra_mpc.robot.description import Robot, segment_model
 TICK_S, READS = 0.1, 10  # a reading a second
 _LONGEST_S, _WARM_C, _SET_C, _OFF_C = 1500.0, 45.0, 65.0, 25.0
 _SOFT_C, _RIGID_C, _SETTLED_S, _KEPT_S = 63.5, 58.5, 30.0, 60.0
-_NOISE_C, _PARTS = 0.02, 0.01  # of thermistors, and of their and their resistors' values
+_NOISE_C, _PARTS = 0.02, 0.01  # of thermistors; tolerance of their and their resistors' values
 _MATTERS_K = 5.0  # as far off, a reading that lies matters
 
 LIES = (
@@ -147,7 +147,8 @@ class Segment:
         lag_s, one = float(rng.uniform(2.0, 8.0)), float(rng.uniform(0.5, 1.0))
         self._lags_s, self._full_A = (one * lag_s, (1 - one) * lag_s), robot.heater.melt_current_A
         self._lagging = [self.metal.temperature_C] * 2
-        self._parts, self._tells = _PARTS * rng.standard_normal(3), bool(rng.random() < 0.5)
+        self._parts = _PARTS * np.clip(rng.standard_normal(3), -1.0, 1.0)
+        self._tells = bool(rng.random() < 0.5)
         self.current_A, self._integral, self._off_s, self._above_s = 0.0, 0.0, 1e3, 0.0
         self._let_A2: list[float] = []
         self.true_C = self.shown_C = self.metal.temperature_C

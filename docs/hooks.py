@@ -25,8 +25,8 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parent.parent
 GALLERY = "gallery.md"
 PUBLIC = (
-    *("", ".execution", ".execution.tracking", ".plotting", ".report"),
-    *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper", ".lab.serial"),
+    *("", ".execution", ".execution.tracking", ".plotting", ".lab.batch", ".lab.figures"),
+    *(".lab.identification", ".lab.paper", ".lab.report", ".lab.serial", ".lab.studio"),
 )
 sys.path.append(str(ROOT))  # benchmarks are not installed
 TABLES = importlib.import_module("benchmarks.tables")

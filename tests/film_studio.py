@@ -14,7 +14,7 @@ from selenium.webdriver import Chrome
 from test_studio_browser import played, said
 
 from twosra_mpc import load_problem
-from twosra_mpc.studio import Server
+from twosra_mpc.lab.studio import Server
 
 WIDTH, HEIGHT, COLOURS, FRAME_MS = 1060, 860, 64, 130
 PULLS = [*[(3, 7)] * 9, *[(-3, -7)] * 4, *[(5, 3)] * 5]  # of the goal's first unit [pixels]

@@ -18,7 +18,8 @@ from subprocess import CompletedProcess
 _SERVER = """
 import importlib, json, os, socket, sys
 from matplotlib import pyplot
-from twosra_mpc import __main__, cli, execution, planning, plotting, report
+from twosra_mpc import __main__, cli, execution, planning, plotting
+from twosra_mpc.lab import report
 for module in sorted({*cli._MODULES.values()}):
     importlib.import_module(f"twosra_mpc.{module}")
 line = socket.socket(fileno=int(sys.argv[1]))

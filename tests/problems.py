@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
+from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.bounds.bends import least_durations
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, sequence_bound
 from twosra_mpc.planning.relaxation import bending_task, stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.problem.limits import body_gaps_m
@@ -73,6 +75,18 @@ def bound_of(problem: Problem, sequence: ModeSequence, last: Mode = RIGID) -> Se
         return None
     network = transition_model(problem).network(sequence, last, durations)
     return sequence_bound(network, task, problem.cost_weights, durations)
+
+
+def guessed(
+    problem: Problem, sequence: ModeSequence, bends: Any = None, intervals: int = 10
+) -> Motion:
+    """The guess of a sequence with these bends, or those of its relaxation."""
+    if bends is None:
+        bound = bound_of(problem, sequence)
+        assert bound is not None
+        bends = bound.bends
+    start = problem.start.configuration
+    return guess_motion(problem.robot, start, problem.goal, sequence, bends, intervals)
 
 
 def faster_robot(factor: float) -> Robot:

@@ -18,7 +18,7 @@ from benchmarks.attack.motion import Phase, random_phase
 from benchmarks.attack.trial import claims, planned
 from benchmarks.studies import forgery
 from twosra_mpc import Goal, Problem, Robot, Start
-from twosra_mpc.checking.body import bend_levers
+from twosra_mpc.checking.levers import bend_levers
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.search.nodes import Node

@@ -133,8 +133,7 @@ def test_plans_that_bend_a_lot_do_not_pass_through_the_robot(seed: int) -> None:
         if np.abs(kappa).max(axis=1).min() > 50 and broken_by_shapes(ROBOT, kappa) is None:
             break
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=tuple(kappa[0]))
-    goal = Goal(kappa_per_m=tuple(kappa[1]))
-    found = plan(Problem(robot=ROBOT, start=start, goal=goal, work_limit=1000))
+    found = plan(Problem(robot=ROBOT, start=start, goal=Goal(kappa_per_m=tuple(kappa[1]))))
     if found.plan is None:
         return
     fine, _ = between(found.plan.samples, np.full(len(found.plan.samples.t_s) - 1, 5e-4), least=1)

@@ -7,14 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
+from problems import ROBOT, bound_of, faster_robot, guessed, network_of, random_problem
 
 from twosra_mpc import Goal, load_robot, plan
 from twosra_mpc.planning.bounds.bends import least_bends, least_durations, unreachable_reason
 from twosra_mpc.planning.bounds.sequence_bound import pose_bound
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled, solve, verified
-from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 
@@ -74,14 +73,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
             continue
         durations = least_durations(sequence, task)
         tighter = pose_bound(network, task, problem.cost_weights, durations, math.inf)
-        guess = guess_motion(
-            problem.robot,
-            problem.start.configuration,
-            problem.goal,
-            sequence,
-            bound.bends,
-            intervals=8,
-        )
+        guess = guessed(problem, sequence, intervals=8)
         for candidate in (scheduled(guess, network, problem, 0), solve(guess, network, problem)):
             if candidate is not None:
                 found += 1

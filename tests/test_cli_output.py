@@ -43,11 +43,11 @@ from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
 from twosra_mpc.lab.commands import jog_command, robot_line, stream_command
 from twosra_mpc.lab.figures import paper_figures
+from twosra_mpc.lab.report import page
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
 OWN_TESTS = ("doctor", "reproduce", "batch", "atlas", "studio", "learn")  # examples run there

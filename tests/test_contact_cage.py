@@ -149,7 +149,7 @@ def test_a_box_that_verification_calls_blocked_holds_no_free_pose(headings: int)
     rod = Object(name="rod", pose=ORIGIN, box={"x_m": (-0.04, 0.04), "y_m": (-0.004, 0.004)})
     q, rng = np.concatenate([np.zeros(3), [20.0, 20.0]]), np.random.default_rng(0)
     boxes, middle = Boxes(1e-3, 50, headings), np.array([0.0, 0.04, 0.0])
-    free = _free(V1.geometry, q, middle, _discs(rod), boxes)
+    free = np.array([*map(_free(V1.geometry, q, middle, _discs(rod), boxes), range(headings))])
     assert 0.02 < 1 - free.mean() < 0.98
     body, height = drawn(V1.geometry, q), 2 * np.pi / headings
     shapely.prepare(body)

@@ -157,7 +157,7 @@ def test_the_command_runs(
         monkeypatch.setattr(
             options, "load_problem", lambda _, **more: load_briefly("rigid-move", **NEAR, **more)
         )
-    monkeypatch.setattr("twosra_mpc.studio.server.Server.serve", lambda server: server.close())
+    monkeypatch.setattr("twosra_mpc.lab.studio.server.Server.serve", lambda server: server.close())
     monkeypatch.setattr("webbrowser.open", lambda address: True)
     write_files(page, folder)
     before = commands(page)[: commands(page).index(command)]

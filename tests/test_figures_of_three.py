@@ -17,6 +17,7 @@ from once import planned
 from twosra_mpc import Plan, Robot, load_robot
 from twosra_mpc.analysis.critical_path import activities, critical_path
 from twosra_mpc.lab.identification.motion_log import save_authors_csv
+from twosra_mpc.lab.report.player import film_of, lanes
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import (
@@ -35,7 +36,6 @@ from twosra_mpc.plotting import (
 from twosra_mpc.plotting.film import LEAST
 from twosra_mpc.plotting.playback import PLACES, plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.report.player import film_of, lanes
 from twosra_mpc.robot.modes import all_modes
 
 SEGMENTS = 3

@@ -19,6 +19,8 @@ from test_missions import SCENARIOS
 
 from twosra_mpc import Plan, load_problem
 from twosra_mpc.analysis.explanation import task_costs
+from twosra_mpc.lab.report import report_page
+from twosra_mpc.lab.report.page import scenario_toml
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
@@ -33,8 +35,6 @@ from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.tasks import Stage
 from twosra_mpc.problem.world import Object
-from twosra_mpc.report import report_page
-from twosra_mpc.report.page import scenario_toml
 from twosra_mpc.robot.coordinates import Array, composed
 
 

@@ -13,7 +13,7 @@ from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 from once import planned, solved
-from problems import ROBOT, at_once, bound_of, network_of, random_problem
+from problems import ROBOT, at_once, bound_of, guessed, network_of, random_problem
 
 from twosra_mpc import Problem, Result, Robot, load_plan, load_problem, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
@@ -29,7 +29,6 @@ from twosra_mpc.planning.solver.fixed_sequence import (
     verified,
 )
 from twosra_mpc.planning.solver.gentle import cheapest
-from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
@@ -87,10 +86,7 @@ def test_no_other_durations_cost_less(timing: str, weight: float) -> None:
 
 def candidate_of(problem: Problem, sequence: ModeSequence) -> Candidate:
     """The guess of a sequence at full speed."""
-    bound = bound_of(problem, sequence)
-    assert bound is not None
-    robot, start = problem.robot, problem.start.configuration
-    motion = guess_motion(robot, start, problem.goal, sequence, bound.bends, INTERVALS)
+    motion = guessed(problem, sequence, intervals=INTERVALS)
     candidate = scheduled(motion, network_of(problem, sequence), problem, 0)
     assert candidate is not None
     return candidate
@@ -178,8 +174,7 @@ def test_bounds_are_below_what_plans_cost(seed: int, weight: float) -> None:
         least = bound_of(without, sequence)
         assert least is not None
         assert bound.cost > least.cost
-        robot, start = problem.robot, problem.start.configuration
-        motion = guess_motion(robot, start, problem.goal, sequence, bound.bends, INTERVALS)
+        motion = guessed(problem, sequence, intervals=INTERVALS)
         network = network_of(problem, sequence)
         candidate = scheduled(motion, network, problem, 0)
         if candidate is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, network_of, random_problem
+from problems import ROBOT, bound_of, guessed, network_of, random_problem
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import Problem, load_problem
@@ -40,15 +40,7 @@ def set_up(problem: Problem, sequence: ModeSequence) -> tuple[TemporalNetwork, M
     """Network, guess and lower bound of a sequence."""
     network, bound = network_of(problem, sequence), bound_of(problem, sequence)
     assert bound is not None
-    guess = guess_motion(
-        problem.robot,
-        problem.start.configuration,
-        problem.goal,
-        sequence,
-        bound.bends,
-        intervals=10,
-    )
-    return network, guess, bound.cost
+    return network, guessed(problem, sequence), bound.cost
 
 
 def cost_of(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> float:

@@ -7,7 +7,16 @@ import math
 
 import numpy as np
 import pytest
-from problems import ROBOT, bold, bound_of, exactly, faster_robot, network_of, random_problem
+from problems import (
+    ROBOT,
+    bold,
+    bound_of,
+    exactly,
+    faster_robot,
+    guessed,
+    network_of,
+    random_problem,
+)
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
@@ -15,7 +24,6 @@ from twosra_mpc.planning.bounds.bends import bend_steps, free_bends, middle_bend
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled
-from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
@@ -58,9 +66,9 @@ def test_no_plan_costs_less_than_the_bound_by_parts(seed: int, factor: float) ->
         for scale in (0.0, *np.geomspace(0.02, 0.5, 4)):
             choice = tuple((scale * rng.choice(ends),) * 2 for ends in free)
             bends = middle_bends(sequence, task.change, choice)
-            start = problem.start.configuration
-            guess = guess_motion(problem.robot, start, problem.goal, sequence, bends, intervals=10)
-            made = scheduled(guess, network_of(problem, sequence), problem, 0)
+            made = scheduled(
+                guessed(problem, sequence, bends), network_of(problem, sequence), problem, 0
+            )
             if made is not None:
                 found += 1
                 assert bound <= made.times.max() + 1e-9, sequence
@@ -130,9 +138,7 @@ def test_a_shape_behind_forbidden_ones_is_proved_within_the_gap(unlucky: Problem
 def test_its_bends_are_a_plan_close_to_the_bound(unlucky: Problem) -> None:
     sequence = (RIGID, SOFT_BOTH, SOFT_2, SOFT_1, RIGID)
     bound, bends = parts_of(unlucky, sequence)
-    start, network = unlucky.start.configuration, network_of(unlucky, sequence)
-    guess = guess_motion(unlucky.robot, start, unlucky.goal, sequence, bends, intervals=10)
-    made = scheduled(guess, network, unlucky, 0)
+    made = scheduled(guessed(unlucky, sequence, bends), network_of(unlucky, sequence), unlucky, 0)
     assert made is not None
     assert bound <= made.times.max() <= 1.005 * bound
 

@@ -113,7 +113,7 @@ def test_colours_are_told_apart_by_those_who_do_not_see_red_or_green(
 
 
 def test_the_report_has_the_colours_of_the_figures() -> None:
-    style = data_file("report/page.css")
+    style = data_file("lab/report/page.css")
     named = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR, "melting": CHANGING_COLOUR}
     named |= {"freezing": FREEZING_COLOUR, "trace-4": MIDDLE_COLOUR, "heater": HEATER_COLOUR}
     for name, shade in named.items():

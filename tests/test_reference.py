@@ -16,8 +16,8 @@ PAGES = sorted((Path(__file__).parent.parent / "docs" / "reference").glob("*.md"
 MODULES = [
     f"twosra_mpc{suffix}"
     for suffix in (
-        *("", ".execution", ".execution.tracking", ".plotting", ".report"),
-        *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper", ".lab.serial"),
+        *("", ".execution", ".execution.tracking", ".plotting", ".lab.batch", ".lab.figures"),
+        *(".lab.identification", ".lab.paper", ".lab.report", ".lab.serial", ".lab.studio"),
     )
 ]
 

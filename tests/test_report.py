@@ -30,15 +30,21 @@ from twosra_mpc import (
     load_plan,
     load_problem,
 )
+from twosra_mpc.lab.report import page as page_module
+from twosra_mpc.lab.report import player
+from twosra_mpc.lab.report.page import (
+    Origin,
+    bound_sentences,
+    report_page,
+    scenario_toml,
+    write_report,
+)
+from twosra_mpc.lab.report.player import Thermometer, lanes, ticks
 from twosra_mpc.plans.branches import Branch, Policy
 from twosra_mpc.plans.plan import percent
 from twosra_mpc.plans.trajectory import stiffness_intervals
 from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
-from twosra_mpc.report import page as page_module
-from twosra_mpc.report import player
-from twosra_mpc.report.page import Origin, bound_sentences, report_page, scenario_toml, write_report
-from twosra_mpc.report.player import Thermometer, lanes, ticks
 from twosra_mpc.robot.description import with_path_model
 
 HOSTILE = (

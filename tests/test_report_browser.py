@@ -20,9 +20,9 @@ from selenium.webdriver.remote.webelement import WebElement
 from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
 from twosra_mpc.lab.paper.paper_report import paper_page
 from twosra_mpc.lab.paper.section import Claim, Picture, Reading, Section, Table, Verdict
+from twosra_mpc.lab.report import page, player, write_report
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
-from twosra_mpc.report import page, player, write_report
 
 HOSTILE = (
     "</script><script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"

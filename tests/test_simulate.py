@@ -145,7 +145,7 @@ def test_the_figure_shows_what_was_planned_and_what_happened(
     assert {"planned", "camera", "by the sensor", "κ₁", "wheel 4"} <= labels
     assert "planned again once" in run_title(replanned.run)
     assert (
-        f"after {replanned.run.duration_s:.0f} s (planned: 341.5 s, 377.8 s as confirmed)"
+        f"after {replanned.run.duration_s:.0f} s (planned: 341.5 s, 376.4 s as confirmed)"
         in run_title(replanned.run)
     )
 

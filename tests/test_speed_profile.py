@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from once import planned, solved
-from problems import ROBOT, at_once, bound_of, exactly, network_of, random_problem
+from problems import ROBOT, at_once, exactly, guessed, network_of, random_problem
 
 import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, Plan, Problem, Robot, Start, Status, load_problem, load_robot, plan
@@ -26,7 +26,7 @@ from twosra_mpc.planning.solver.guess import guess_motion
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.speeds import interval_durations, rigid_rows
 from twosra_mpc.problem.tolerances import forgiven
-from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 
 ARC = load_robot("2sra-v1")
 LIMITS = ARC.limits
@@ -145,20 +145,12 @@ def test_a_slower_profile_goes_the_same_way_with_less_effort(seconds: float) -> 
 
 def test_effort_and_peak_are_those_of_the_wheels() -> None:
     made = plan(exactly(load_problem("paper-2", motion="fastest"))).require()
-    motion = guess_of(made.problem, tuple(phase.mode for phase in made.phases))
+    motion = guessed(made.problem, tuple(phase.mode for phase in made.phases), intervals=INTERVALS)
     for phase, profile in zip(made.phases, fastest(motion), strict=False):
         t = np.linspace(phase.start_s, phase.end_s, 1001)
         share = made.trajectory.at(t).wheel_rad_s / LIMITS.wheel_speed_rad_s
         assert profile.effort_s == pytest.approx(np.trapezoid((share**2).sum(axis=1), t), rel=1e-3)
         assert profile.peak_rad_s == pytest.approx(10 * np.abs(share).max(), rel=1e-3)
-
-
-def guess_of(problem: Problem, sequence: ModeSequence) -> Motion:
-    """The guess of a sequence, from its relaxation."""
-    bound = bound_of(problem, sequence)
-    assert bound is not None
-    start = problem.start.configuration
-    return guess_motion(problem.robot, start, problem.goal, sequence, bound.bends, INTERVALS)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -254,7 +246,7 @@ def test_no_other_durations_within_the_cost_take_less_effort(seed: int) -> None:
     """
     problem = load_problem("paper-2")
     sequence = (RIGID, SOFT_1)
-    network, motion = network_of(problem, sequence), guess_of(problem, sequence)
+    network, motion = network_of(problem, sequence), guessed(problem, sequence, intervals=INTERVALS)
     candidate = scheduled(motion, network, problem, 0)
     assert candidate is not None
     most = 1.005 * float(candidate.times[network.layout.finish])
@@ -286,7 +278,7 @@ def test_nothing_can_be_gained_where_no_time_is_left_and_wheels_crawl() -> None:
     limits = LIMITS.with_values(wheel_speed_min_rad_s=10.0)  # every phase is in the dead zone
     problem = load_problem("paper-2", robot=ARC.with_values(limits=limits))
     network, sequence = network_of(problem, (RIGID, SOFT_1)), (RIGID, SOFT_1)
-    candidate = scheduled(guess_of(problem, sequence), network, problem, 0)
+    candidate = scheduled(guessed(problem, sequence, intervals=INTERVALS), network, problem, 0)
     assert candidate is not None
     assert gentle(problem, candidate, network, math.inf) is None
 

@@ -21,16 +21,16 @@ from conftest import Run as RunProgram
 from once import solved
 
 from twosra_mpc import Problem, load_plan, load_problem
-from twosra_mpc.analysis.goal_map import goal_map, moved
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.lab.studio import Server, widget
+from twosra_mpc.lab.studio.answers import Ask, GivenUp, Pull, answers, asked_problem, document
+from twosra_mpc.lab.studio.goal_map import goal_map, moved
+from twosra_mpc.lab.studio.live import LiveRun, Push, Run
+from twosra_mpc.lab.studio.saved import Saved, saved
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
-from twosra_mpc.studio import Server, widget
-from twosra_mpc.studio.answers import Ask, GivenUp, Pull, answers, asked_problem, document
-from twosra_mpc.studio.live import LiveRun, Push, Run
-from twosra_mpc.studio.saved import Saved, saved
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 PAPER = load_problem("paper-1")
@@ -276,7 +276,7 @@ def test_a_search_knows_that_another_page_waits(
             begun.append(ask)
             yield {"kind": "waiting" if eventually(others_wait) else "alone"}
 
-    monkeypatch.setattr("twosra_mpc.studio.server.answers", search)
+    monkeypatch.setattr("twosra_mpc.lab.studio.server.answers", search)
 
     def long() -> None:
         told.extend(record["kind"] for record in post(server, "/plan", asked | {"film": True})[1])

@@ -16,7 +16,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.select import Select
 
 from twosra_mpc import load_problem
-from twosra_mpc.studio import Server
+from twosra_mpc.lab.studio import Server
 
 HOSTILE = "<img src=x onerror=\"document.title='run'\">"
 

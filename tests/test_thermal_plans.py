@@ -204,22 +204,20 @@ TAMPERED: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
         lambda c: less_molten(c, 1, 0.01),
         ["^segment 1: its currents melt 0.01 more or less of it"],
     ),
-    "an onset of melting that is too late": (
-        lambda c: c.move(2, "soft", onset_s=1.0),
-        ["^segment 2 to soft at .* s: begins to change at .* s, before .* s$"],
-    ),
-    "an onset of freezing that is too late": (
-        lambda c: c.move(2, "rigid", onset_s=1.0),
-        ["^segment 2 to rigid at .* s: begins to change at .* s, before .* s$"],
-    ),
-    "a melt that is done too early": (
-        lambda c: c.move(1, "soft", done_s=-1.0),
-        ["^segment 1 to soft at .* s: has changed at .* s only, after .* s$"],
-    ),
-    "a freeze that is done too early": (
-        lambda c: c.move(1, "rigid", done_s=-1.0),
-        ["^segment 1 to rigid at .* s: has changed at .* s only, after .* s$"],
-    ),
+    **{
+        f"an onset of a change to {to} that is too late": (
+            lambda c, to=to: c.move(2, to, onset_s=1.0),
+            [f"^segment 2 to {to} at .* s: begins to change at .* s, before .* s$"],
+        )
+        for to in ("soft", "rigid")
+    },
+    **{
+        f"a change to {to} that is done too early": (
+            lambda c, to=to: c.move(1, to, done_s=-1.0),
+            [f"^segment 1 to {to} at .* s: has changed at .* s only, after .* s$"],
+        )
+        for to in ("soft", "rigid")
+    },
     "a heater said to be on later": (
         lambda c: c.move(2, "soft", heater_s=3.0),
         ["^at .* s heater 2 does not do what the transitions say$"],

@@ -40,7 +40,7 @@ SAME_S = 0.01  # the way to the edge of a goal instead of to its middle
 
 def nearly(x: float) -> list[float]:
     """A number, and what rounding makes of it."""
-    return [x, math.nextafter(x, math.inf), x - 1e-9]
+    return [x, math.nextafter(x, math.inf), x - 1e-12, x + 1e-9]
 
 
 def touching() -> float:
@@ -221,7 +221,7 @@ def beside(at_m: float, q: Array, what: str, *, leaves: bool) -> Problem:
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["edge alone", "edge", "wall"]), st.booleans())
-@settings(max_examples=3)
+@settings(max_examples=6)
 def test_an_end_that_touches_with_its_fibre_is_driven_to_and_from(
     seed: int, what: str, leaves: bool
 ) -> None:

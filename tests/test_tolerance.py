@@ -6,7 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, exactly, faster_robot, network_of, only_goal, random_problem
+from problems import (
+    ROBOT,
+    bound_of,
+    exactly,
+    faster_robot,
+    guessed,
+    network_of,
+    only_goal,
+    random_problem,
+)
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.checking.verification import verify
@@ -16,7 +25,7 @@ from twosra_mpc.planning.bounds.bends import bend_steps, least_durations
 from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled
-from twosra_mpc.planning.solver.guess import correct_end, guess_motion
+from twosra_mpc.planning.solver.guess import correct_end
 from twosra_mpc.planning.solver.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
@@ -104,9 +113,7 @@ def test_no_goal_of_a_box_costs_less_than_the_bounds_of_the_box(seed: int) -> No
             bound = bound_of(one, sequence)
             if bound is None:
                 continue
-            start = one.start.configuration
-            guess = guess_motion(ROBOT, start, one.goal, sequence, bound.bends, intervals=10)
-            made = scheduled(guess, network_of(one, sequence), one, 0)
+            made = scheduled(guessed(one, sequence), network_of(one, sequence), one, 0)
             if made is not None:
                 assert parts <= made.times[network.layout.finish] + 1e-9
 
@@ -143,9 +150,7 @@ def test_where_metal_is_fast_the_drive_that_costs_least_is_taken() -> None:
     network, bound = network_of(problem, sequence), bound_of(problem, sequence)
     assert bound is not None
     found = next(iter(GoalSolver(only_goal(problem))(network, bound)))
-    q = problem.start.configuration
-    first = guess_motion(ROBOT, q, problem.goal, sequence, bound.bends, intervals=10)
-    made = scheduled(first, network, problem, 0)
+    made = scheduled(guessed(problem, sequence), network, problem, 0)
     assert found is not None
     assert made is not None
     assert bound.cost <= found[0] < 0.95 * made.times[network.layout.finish]
@@ -155,9 +160,7 @@ def test_solvers_that_give_up_cost_a_bound_or_an_attempt(monkeypatch: pytest.Mon
     problem = boxed(random_problem(0), 1.0)
     sequence = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
     before = bound_of(problem, sequence)
-    guess = guess_motion(
-        ROBOT, problem.start.configuration, problem.goal, sequence, np.zeros(4), intervals=4
-    )
+    guess = guessed(problem, sequence, np.zeros(4), intervals=4)
 
     def gives_up(*_: object, **__: object) -> None:
         raise ArithmeticError

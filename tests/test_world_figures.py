@@ -18,14 +18,14 @@ from twosra_mpc import Plan, load_problem
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.lab.report import report_page
+from twosra_mpc.lab.report.page import scenario_toml
 from twosra_mpc.plotting import figures, plot_plan
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.plotting.world_figures import draw_world, names_m, shown_m
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import Obstacle
-from twosra_mpc.report import report_page
-from twosra_mpc.report.page import scenario_toml
 from twosra_mpc.robot.coordinates import Array
 
 FAR = Obstacle(name="moon", disc={"x_m": 50.0, "y_m": 0.0, "radius_m": 1.0})

@@ -57,7 +57,7 @@ from twosra_mpc.execution import (
 from twosra_mpc.validation import ArrayValue, Value
 
 ROOM = box(1.0, 1.0, 2.0, 2.0)
-PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "report")))
+PLACES = ("twosra_mpc", *(f"twosra_mpc.{each}" for each in ("execution", "plotting", "lab.report")))
 EXPORTS = ("lab.export.ros2_mcap", "lab.identification.motion_log", "plans.setpoints")
 PAGES = Path(__file__).parents[1] / "docs/reference"
 

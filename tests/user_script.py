@@ -141,13 +141,7 @@ def run(driver: RobotInterface) -> Run:
     return Executor(driver, settings=ExecutorSettings(patience=Patience())).run(made)
 
 
-class Declared(RobotInterface):
-    robot: Robot
-    camera: Camera
-
-    def __init__(self, made: Robot) -> None:
-        self.robot, self.camera = made, Camera()
-
+class Driver(RobotInterface):
     def read(self) -> Reading:
         return reading
 
@@ -158,7 +152,15 @@ class Declared(RobotInterface):
         time.sleep(at_most_s)
 
 
-class Told(RobotInterface):
+class Declared(Driver):
+    robot: Robot
+    camera: Camera
+
+    def __init__(self, made: Robot) -> None:
+        self.robot, self.camera = made, Camera()
+
+
+class Told(Driver):
     @property
     def robot(self) -> Robot:
         return load_robot("2sra-v1")
@@ -166,15 +168,6 @@ class Told(RobotInterface):
     @property
     def camera(self) -> Camera:
         return Camera()
-
-    def read(self) -> Reading:
-        return reading
-
-    def send(self, wheel_rad_s: Array, heater_setpoint_C: NDArray[np.float64]) -> None:
-        print(wheel_rad_s, heater_setpoint_C)
-
-    def wait(self, at_most_s: float) -> None:
-        time.sleep(at_most_s)
 
 
 known: tuple[KnownStiffness, KnownStiffness] = ("soft", "changing")

@@ -12,9 +12,9 @@ from typing import Any
 from twosra_mpc.keys import near_word, other_unit
 
 _SHORT = Repr()
-_SHORT.maxstring = _SHORT.maxother = 300
-_SHORT.maxlong = 80
-_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 8
+_SHORT.maxstring = _SHORT.maxother = 300  # characters of a value in a message
+_SHORT.maxlong = 80  # digits
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 8  # entries
 _VALUE = 100  # characters of a value that are shown
 _LONGEST = 500  # characters of what else is said in a line
 _MOST = 12  # further problems that are told

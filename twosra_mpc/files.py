@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import glob
 import io
+import itertools
 import json
 import math
 import os
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _PACKAGE = Path(__file__).parent
 MOST_SIGNS = 200_000_000  # of a file that is read
+_BLOCK = 2**20  # bytes that are asked for at once: as many are set aside
 LARGEST = 1e12  # number in a table
 _MOST_LINKS = 40  # from one to the next, as Linux follows them
 _OUTPUTS: ContextVar[frozenset[str]] = ContextVar("outputs", default=frozenset())
@@ -41,7 +43,7 @@ def built_in_names(folder: str) -> list[str]:
 
 
 def data_file(path: str) -> str:
-    """Text of a file of the package, e.g. ``report/page.css``."""
+    """Text of a file of the package, e.g. ``lab/report/page.css``."""
     return (_PACKAGE / path).read_text(encoding="utf-8")
 
 
@@ -112,7 +114,8 @@ def read_bytes(path: Path, source: str) -> bytes:
     try:
         lost = os.path.realpath(path) in _OUTPUTS.get()
         with Path(os.devnull if lost else path).open("rb") as file:  # a device may never end
-            data = file.read(MOST_SIGNS + 1)
+            blocks = iter(functools.partial(file.read, _BLOCK), b"")
+            data = b"".join(itertools.islice(blocks, MOST_SIGNS // _BLOCK + 1))
     except (OSError, ValueError) as error:
         named = not os.path.exists(path) and source in built_in_names("scenarios")
         hint = f'"twosra plan {source} --out plan.json" writes its plan.' if named else ""

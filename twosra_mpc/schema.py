@@ -95,10 +95,10 @@ def _scenario() -> Schema:
     kappa = goal["properties"]["kappa_per_m"]
     kappa["items"] = {"anyOf": [{"type": "number"}, {"const": "free"}, {"type": "null"}]}
     properties = schema["properties"]
-    properties["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
     properties["robot"] = {"anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}]}
     properties["obstacles"] = {"anyOf": [{"type": "string"}, properties["obstacles"]]}
-    properties["goal"] = {"anyOf": [properties["goal"], {"type": "null"}]}
+    kind = {"$ref": "#/definitions/Goal"}  # the one that files can say
+    properties["goal"] = {"anyOf": [kind, {"type": "null"}]}
     schema["anyOf"] = [{"required": ["goal"]}, {"required": ["tasks"]}]
     definitions["Object"]["properties"]["outline"] = {"type": "string"}
     pair = _list({"type": "number"}, 2, 2)

@@ -31,7 +31,7 @@ _VERB = {
 
 @dataclass(frozen=True)
 class Activity:
-    """Something that takes time.
+    """Activity of a plan: a motion, a change of metal or a wait, with its time span.
 
     Attributes:
         kind: A motion phase ("drive": rigid, "bend": soft), the heating before a melt and the

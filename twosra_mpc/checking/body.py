@@ -13,16 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb
-from numpy.typing import NDArray
 
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M
 from twosra_mpc.robot.description import Robot
 
 _OVERLAP_M = BODY_TOLERANCE_M + 1e-6  # by which parts overlap in no plan that is verified
-
-
-_NODES, _TWICE = np.polynomial.legendre.leggauss(16)
-_SHARES, _WEIGHTS = (_NODES + 1) / 2, _TWICE / 2  # of an arc, for its integrals
 
 
 class Rectangle(NamedTuple):
@@ -85,31 +80,6 @@ def outermost_m(robot: Robot) -> float:
     sides = geometry.lengths_m[:inner], geometry.lengths_m[inner:]
     along_m = max(sum(side) + max(len(side) - 1, 0) * geometry.middle_link_m for side in sides)
     return geometry.half_link_m + along_m + max(hung_m, geometry.fibre_radius_m)
-
-
-def bend_levers(robot: Robot, kappa: NDArray[np.float64], segment: int) -> NDArray[np.float64]:
-    """Lever of the wheels on a segment in shapes (m, n), signed, in its lengths, (m,).
-
-    The points about which units turn when their wheels stand are pins of the fibre. A force along
-    the line through both bends a segment by the distance of its middle, the mean of its points.
-    """
-    geometry, at = robot.geometry, np.zeros(len(kappa), dtype=complex)
-    turn, middle, pins = np.zeros(len(kappa)), at, list[complex]()
-    for first in (0, 2):
-        (x, y, psi), (x2, y2, psi2) = geometry.wheel_placement[first : first + 2]
-        ways = np.array([[math.cos(psi), -math.cos(psi2)], [math.sin(psi), -math.sin(psi2)]])
-        pins.append(complex(x, y) + np.linalg.solve(ways, [x2 - x, y2 - y])[0] * np.exp(1j * psi))
-    for j, length in enumerate(geometry.lengths_m):
-        at = at + (geometry.middle_link_m if j else 0.0) * np.exp(1j * turn)
-        bent = kappa[:, j, None] * length * _SHARES
-        if j == segment:  # what is at a share of an arc counts as often as what follows it
-            arc = np.exp(1j * (turn[:, None] + bent)) * (1 - _SHARES)
-            middle = at + length * arc @ _WEIGHTS
-        at = at + length * np.exp(1j * (turn[:, None] + bent)) @ _WEIGHTS
-        turn = turn + kappa[:, j] * length
-    end = at + np.exp(1j * turn) * pins[1]
-    line = (end - pins[0]) / np.abs(end - pins[0])
-    return np.asarray((line.conj() * 1j * (middle - end)).real / geometry.lengths_m[segment])
 
 
 def _separations(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:

@@ -77,9 +77,7 @@ class Surroundings:
 
     def distances_m(self, q: Array) -> Array:
         """Distance of configurations (m, 3 + n) to the nearest obstacle, 0 where they overlap."""
-        solid, fibre = _drawn(self.geometry, q)
-        to_fibre = shapely.distance(self._all, fibre) - self.geometry.fibre_radius_m
-        return np.maximum(np.minimum(shapely.distance(self._all, solid), to_fibre), 0.0)
+        return _apart_m(self.geometry, _drawn(self.geometry, q), self._all)
 
     def distances_of_m(self, carried: Carrying, q: Array) -> Array:
         """Distance of what configurations (m, 3 + n) carry to the nearest obstacle, 0 if inside."""
@@ -193,9 +191,13 @@ def depths_m(item: Obstacle, points: Array) -> Array:
 def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
     """Distance of points (..., 2) to a robot at a configuration (3 + n,), 0 within it [m]."""
     (solid,), (fibre,) = _drawn(geometry, q[None])
-    at = shapely.points(points)
-    to_fibre = shapely.distance(fibre, at) - geometry.fibre_radius_m
-    return np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
+    return _apart_m(geometry, (solid, fibre), shapely.points(points))
+
+
+def _apart_m(geometry: Geometry, drawn: tuple[Any, Any], others: Any) -> Array:
+    """Distances of drawn robots, or of one, to something, 0 where they overlap [m]."""
+    to_solid, to_fibre = (shapely.distance(part, others) for part in drawn)
+    return np.maximum(np.minimum(to_solid, to_fibre - geometry.fibre_radius_m), 0.0)
 
 
 def leaves_straight(geometry: Geometry, thing: Object, pose: Array, q: Array, far_m: float) -> bool:

@@ -6,6 +6,7 @@ An opinion of its own: nothing here knows slices, pieces or how the planner gras
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation
 from twosra_mpc.robot.geometry import Geometry
+
+Bools = NDArray[np.bool_]
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
@@ -67,10 +70,11 @@ def cage_proved(
         return False
     discs = _discs(thing)
     discs[:, 2] -= overlap_m + _WITHIN_M
-    for step, within_m in _LEVELS:
+    for step, within_m in (level for level in _LEVELS if level[0] >= finest_m):
         headings = 1 if thing.disc is not None else round(_TURN / step)
         boxes = Boxes(step, round(within_m / step), headings)
-        if step >= finest_m and not _leads_away(_free(geometry, still, seen, discs, boxes)):
+        free = _free(geometry, still, seen, discs, boxes)
+        if not _leads_away(free, headings):
             return True
     return False
 
@@ -105,8 +109,8 @@ def _discs(thing: Object) -> Array:
 
 def _free(
     geometry: Geometry, q: Array, pose: Array, discs: Array, boxes: Boxes
-) -> NDArray[np.bool_]:
-    """Boxes around a pose that are not proved to be blocked, (headings, x, y).
+) -> Callable[[int], Bools]:
+    """Number of a heading -> boxes around a pose that are not proved to be blocked, (x, y).
 
     The pose is in the middle of the middle one of the first heading.
     """
@@ -120,33 +124,63 @@ def _free(
     moved = step / math.sqrt(2) + offset * math.pi / headings  # within a box
     moved += np.where(offset > 0, step / math.sqrt(2), 0.0)  # centres are looked up at grid points
     count = 2 * each_way + 1
-    free = np.ones((headings, count, count), dtype=bool)
-    charge(Cost.BOX, len(discs) * free.size // _AT_ONCE)
-    for k, phi in enumerate(pose[2] + np.arange(headings) * math.tau / headings):
+
+    def free(heading: int) -> Bools:
+        charge(Cost.BOX, len(discs) * count**2 // _AT_ONCE)
+        phi, found = pose[2] + heading * math.tau / headings, np.ones((count, count), dtype=bool)
         begin = pad + np.rint(discs[:, :2] @ rotation(phi) / step).astype(int)
         for (i, j), reach in zip(begin.tolist(), (discs[:, 2] - moved).tolist(), strict=True):
-            free[k] &= apart[i : i + count, j : j + count] >= reach
+            found &= apart[i : i + count, j : j + count] >= reach
+        return found
+
     return free
 
 
-def _leads_away(free: NDArray[np.bool_]) -> bool:
-    """True if free boxes that share sides lead from the middle to the edge in x and y."""
-    from scipy.ndimage import label  # only then anyone waits for it
+def _leads_away(free: Callable[[int], Bools], headings: int) -> bool:
+    """True if free boxes that share sides lead from the middle to the edge in x and y.
 
-    places, count = label(free)
-    links = np.unique(places[[0, -1]].reshape(2, -1).T, axis=0)  # headings go round
-    links = links[(links > 0).all(axis=1)]
-    flooded, middle = np.zeros(count + 1, dtype=bool), free.shape[1] // 2
-    flooded[places[0, middle, middle]] = True
-    while (front := flooded[links].any(axis=1)).any():  # what is beside what is flooded
-        flooded[links[front]] = True
-        links = links[~front]
-    return bool(flooded[places[:, [0, -1]]].any() or flooded[places[:, :, [0, -1]]].any())
+    Headings go round, and are asked for when the flood comes to them.
+    """
+    dry = {0: free(0)}
+    middle = np.zeros_like(dry[0])
+    middle[tuple(size // 2 for size in middle.shape)] = True
+    floods = {0: middle}
+    while floods:
+        heading, flood = floods.popitem()
+        if heading not in dry:
+            dry[heading] = free(heading)
+        boxes = dry[heading]
+        flood = _filled(boxes, flood & boxes)
+        if flood[[0, -1]].any() or flood[:, [0, -1]].any():
+            return True
+        if flood.any():
+            boxes &= ~flood
+            for beside in ((heading - 1) % headings, (heading + 1) % headings):
+                floods[beside] = floods.get(beside, False) | flood
+    return False
 
 
-def pushes(
-    geometry: Geometry, thing: Object, pose_in_b0: Array, q: Array, twists: Array
-) -> NDArray[np.bool_]:
+def _filled(free: Bools, flood: Bools) -> Bools:
+    """Free boxes of one heading to which a flood gets, along rows and columns."""
+    lines = (_runs(free), _runs(free.T).T)
+    while True:
+        before = flood
+        for runs in lines:
+            wet = np.zeros(free.size + 1, dtype=bool)
+            wet[runs[flood]] = True
+            flood = wet[runs] & free
+        if np.array_equal(flood, before):
+            return flood
+
+
+def _runs(free: Bools) -> NDArray[np.intp]:
+    """Numbers of the runs of free boxes along rows."""
+    begins = free.copy()
+    begins[:, 1:] &= ~free[:, :-1]
+    return begins.ravel().cumsum().reshape(free.shape)
+
+
+def pushes(geometry: Geometry, thing: Object, pose_in_b0: Array, q: Array, twists: Array) -> Bools:
     """True for twists (m, 3) of b0 that push an object such that it stays in the robot, (m,).
 
     Friction under an object that slides slowly resists a load (v, c^2 w) about its centroid, where

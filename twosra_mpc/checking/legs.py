@@ -54,7 +54,7 @@ class Place(NamedTuple):
     within_m: float
 
     def apart_m(self, other: Place) -> float:
-        """How far they are from each other at least; negative where they may be at one point."""
+        """Least distance between the two [m]; negative where they may be at one point."""
         between_m = math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
         return between_m - self.within_m - other.within_m
 
@@ -136,7 +136,7 @@ class Legs:
         self._melts = tuple(either | segments for either in self._melts)
 
     def _before_grasp(self, task: Grasp, modes: Sequence[Mode]) -> Iterator[Leg]:
-        """Something melts to close around an object; and to open and drive there, from another."""
+        """Melts before a grasp: to close around an object, and to open and drive to it before."""
         thing, self._caged = self._things[task.object], task.hold == "caged"
         reach_m = outermost_m(self._problem.robot)
         self._held_m = _caged_m(thing, reach_m) if self._caged else reach_m + _size_m(thing)

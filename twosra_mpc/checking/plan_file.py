@@ -48,7 +48,7 @@ _YOUNGER = {"body_gap_m", "bend_lever"}  # limits that plan files of before do n
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that must hold.
+    """Requirement of a plan file, and the finding.
 
     Attributes:
         name: What was checked.

@@ -274,8 +274,10 @@ def turns_aside(samples: Samples | Sent) -> NDArray[np.bool_]:
     begin = samples.v[:-1]
     change = samples.a[:-1] * np.diff(samples.t_s)[:, None]
     size = np.abs(begin).max(axis=1) + np.abs(change).max(axis=1)
-    across = begin[:, :, None] * change[:, None]
-    aside = np.abs(across - across.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
+    aside = np.zeros(len(begin))
+    for i, j in itertools.combinations(range(INPUTS), 2):  # all at once would be most of a plan
+        across = begin[:, i] * change[:, j] - begin[:, j] * change[:, i]
+        np.maximum(aside, np.abs(across), out=aside)
     back = (begin * (begin + change)).sum(axis=1) < -ROUNDING * size**2
     turns: NDArray[np.bool_] = back | (aside > ROUNDING * size**2)
     return turns

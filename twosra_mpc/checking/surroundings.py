@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -286,20 +286,14 @@ def _not_done(stage: Stage, at: Done) -> Iterator[str]:
         yield f"it lasts {at.at_s - at.since_s:z.3g} s, not {stage.least_s:zg} s"
     if stage.last is not None and stiffness(at.trajectory, at.at_s) != stage.last:
         yield f"the segments are not {mode_name(stage.last)}"
-    if stage.through is not None:
-        yield from _passed(stage.through, at)
-    if stage.goal is not None:
-        yield from _reached(stage.goal, at)
-    if stage.along is not None:
-        yield from _conformed(stage.along, at)
-    if stage.grasps is not None:
-        yield from _grasped(stage.grasps, at)
-    if stage.carries is not None:
-        yield from _carried(stage.carries, at)
-    if stage.follows is not None:
-        yield from _followed(stage.follows, at)
-    if stage.releases is not None:
-        yield from _released(stage.releases, at)
+    asked: tuple[tuple[Any, Callable[[Any, Done], Iterator[str]]], ...] = (
+        *((stage.through, _passed), (stage.goal, _reached), (stage.along, _conformed)),
+        *((stage.grasps, _grasped), (stage.carries, _carried), (stage.follows, _followed)),
+        (stage.releases, _released),
+    )
+    for what, shortcomings in asked:
+        if what is not None:
+            yield from shortcomings(what, at)
 
 
 def _passed(task: Pass, at: Done) -> Iterator[str]:

@@ -29,7 +29,7 @@ from twosra_mpc.robot.geometry import Geometry
 
 CHORDS = 24  # drawn for a segment; they stray from it by 0.03 mm at most
 _ACCURACY_M = 1.6e-4  # to which the least distance of what is drawn is proved
-_RIGID_CUT, _SOFT_CUT = 1e-4, 2e-5  # m or rad: what inputs move between fine times
+_RIGID_CUT, _SOFT_CUT = 1e-4, 2e-5  # m or rad that inputs move between fine times
 _BEGUN = 32  # intervals with which the search begins
 
 
@@ -230,7 +230,7 @@ def least(
 
 
 class Stage(NamedTuple):
-    """From the task before until a task is done, or from the last one to the end.
+    """Time span of a task, from the end of the task before; after the last one, until the end.
 
     Attributes:
         first: First fine time of the sweep.

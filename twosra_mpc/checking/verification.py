@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.body import bend_levers
 from twosra_mpc.checking.heat import course, heating_problems
+from twosra_mpc.checking.levers import lever_margin
 from twosra_mpc.checking.reintegration import between, reintegrate, turns_aside
 from twosra_mpc.checking.surroundings import NOTHING_AROUND, examine_around
 from twosra_mpc.effort import Cost, charge
@@ -28,13 +28,10 @@ from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
     GOAL_TOLERANCE,
     JUMP_TOLERANCE,
-    LEVER_TOLERANCE,
-    STILL_RAD,
-    STRAIGHT_RAD,
     TIME_TOLERANCE_S,
     WHEEL_TOLERANCE_RAD_S,
 )
-from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
+from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.transitions import own_transitions
@@ -104,7 +101,7 @@ def examine(trajectory: Trajectory) -> Findings:
     if problem.obstacles or problem.objects or problem.tasks or problem.workspace is not None:
         around = examine_around(trajectory, reached)
     moving = trajectory.driven
-    limits = _margins(problem, samples, moving) | {BEND_LEVER.name: _lever_margin(trajectory)}
+    limits = _margins(problem, samples, moving) | {BEND_LEVER.name: lever_margin(trajectory)}
     limits = {name: margin for name, margin in limits.items() if np.isfinite(margin)}
     limits |= around.margins
     rules = grid | {
@@ -227,38 +224,6 @@ def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, fl
         most = limit.asked(problem) or 0.0
         left[limit.name] = min(left.get(limit.name, np.inf), settled(float(most - value), most))
     return left
-
-
-_STEP_PER_M = 0.1  # between shapes of a bend that are looked at
-
-
-def _lever_margin(trajectory: Trajectory) -> float:
-    """Least margin to `BEND_LEVER` where one segment alone is soft; inf where none is.
-
-    From sample to sample its bend changes one way only, and nothing else bends.
-    """
-    robot, samples, margins = trajectory.problem.robot, trajectory.samples, [np.inf]
-    for phase in trajectory.phases:
-        if robot.limits.bend_lever is None or sum(phase.mode) != 1:
-            continue
-        j, ends = phase.mode.index(1), (phase.start_s, phase.end_s)
-        first, last = np.searchsorted(samples.t_s + TIME_TOLERANCE_S, ends).tolist()
-        bends, length = samples.q[first : last + 1, POSE + j], robot.geometry.lengths_m[j]
-        if np.ptp(bends) * length <= STILL_RAD:
-            continue
-        at = np.append(0.0, np.abs(np.diff(bends)).cumsum())
-        way = np.interp(np.sort([*at, *np.arange(0.0, at[-1], _STEP_PER_M)]), at, bends)
-        shapes = np.tile(samples.q[first, POSE:], (len(way), 1))
-        shapes[:, j] = way
-        lever = bend_levers(robot, shapes, j)
-        pushing, bent = lever * np.where(way < 0, -1.0, 1.0), length * np.abs(way) - STRAIGHT_RAD
-        left = np.maximum(-pushing, pushing - robot.limits.bend_lever * np.maximum(bent, 0.0))
-        both = np.sort(np.abs([lever[1:], lever[:-1]]), axis=0)
-        crosses = (lever[1:] * lever[:-1] < 0) & (both[0] > LEVER_TOLERANCE)
-        steps = np.where(crosses, -both[1], np.minimum(left[1:], left[:-1]))
-        against = (way[:-1] * np.diff(way) > 0) & (bent[:-1] > 0)
-        margins += [float(left[-1]), float(steps[against].min(initial=np.inf))]
-    return 0.0 if abs(min(margins)) <= LEVER_TOLERANCE else min(margins)
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

@@ -27,7 +27,7 @@ def walked_s(plan: Plan) -> float:
 
 
 class _Segment:
-    """A segment (from 0) on its way: its state at a time, from which on it is soft or not."""
+    """A segment (from 0): its thermal state, and since when it is soft or rigid."""
 
     def __init__(self, problem: Problem, j: int) -> None:
         robot, bodies = problem.robot, problem.start.body_temperature_C
@@ -40,7 +40,7 @@ class _Segment:
         self._soft = None if first is None else first == 1
 
     def known_s(self, soft: bool, now_s: float) -> float:
-        """When it is known to be soft, or rigid, if what came before is done now."""
+        """Time at which it is confirmed soft, or rigid, if the phase before ends now [s]."""
         if soft == self._soft:
             return 0.0
         changed = self._melted_s if soft else self._frozen_s

@@ -23,7 +23,7 @@ from twosra_mpc.robot.paths import PATH_MODELS
 
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]
-Check = Callable[[Path], None]
+Check = Callable[[Path], object]  # raises InputError where a file may not be written
 Load = Callable[[str], Problem]
 
 
@@ -217,11 +217,7 @@ def out_argument(check: Check) -> Decorator:
 
 def ending(*allowed: str) -> Check:
     """Return the check that a file has one of these endings."""
-
-    def check(target: Path) -> None:
-        files.ending_of(target, *allowed)
-
-    return check
+    return lambda target: files.ending_of(target, *allowed)
 
 
 def choice_option(words: str, choices: Sequence[str], *names: str) -> Decorator:

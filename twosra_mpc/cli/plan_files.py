@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twosra_mpc import plotting, report
+from twosra_mpc import plotting
 from twosra_mpc.checking.plan_file import (
     Check,
     PlanCheck,
     check_plan,
-    checked_text,
     load_plan,
     refined,
 )
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.errors import MISSING, InputError
-from twosra_mpc.files import attributes, read_bytes, text_of
+from twosra_mpc.files import attributes
 from twosra_mpc.installation import require
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.tolerances import UNPROVED
@@ -160,30 +159,6 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
             replace(loaded, plan=refined(given, rate_Hz)).save(out)
     document = {"file": str(out), "rate_Hz": rate_Hz, "duration_s": given.duration_s}
     output.record((given.robot.name, "resampled"), document)
-
-
-@options.command("report")
-@click.argument("plan", type=options.FILE)
-@options.out_argument(options.ending(".html", ".htm"))
-def report_command(plan: Path, out: Path, output: Output) -> None:
-    """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
-
-    The page needs nothing else and asks nothing of any network: send it as it is. It has the plan
-    in numbers, what is proved and what was verified, an animation, figures, and the scenario and
-    robot to plan it again. A plan file that holds no plan has a report with the
-    reason.
-
-    \b
-    A plan and its report:
-      twosra plan paper-1 --out plan.json
-      twosra report plan.json report.html
-    """
-    content = read_bytes(plan, str(plan))
-    given = checked_text(text_of(content, str(plan)), str(plan)).believed(str(plan))
-    with output.progress("drawing the report"):
-        report.write_report(given, out, report.Origin.of(plan.name, content))
-    document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
-    output.record((given.problem.robot.name, "report"), document)
 
 
 _FILM_S = options.Finite(1.0, 120.0)

@@ -57,7 +57,7 @@ def plan_command(
       twosra plan paper-1 --planner greedy
     Another robot, and how good the plan is proved to be, for a program to read:
       twosra plan shape-change --robot 2sra-v1-paper --json
-    The best that can be planned for joint bends that may end elsewhere, and what is done then:
+    A plan for joint bends that may end elsewhere, with what is done then, and a proved bound:
       twosra plan paper-5 --risk mean
     A plan that carries its proof, for "twosra verify --proof":
       twosra plan paper-1 --proof --out plan.json

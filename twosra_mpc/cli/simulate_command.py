@@ -21,7 +21,6 @@ from twosra_mpc.execution.simulation.simulate import (
     Metrics,
     Simulation,
     simulate,
-    spread,
 )
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.plan import planned_words
@@ -168,15 +167,15 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
         "position error [mm]": ("position_m", 1e3),
         "heading error [degrees]": ("heading_rad", math.degrees(1.0)),
         "curvature error [1/m]": ("curvature_per_m", 1.0),
+        "object error [mm]": ("object_m", 1e3),
     }
     rows = [("reached", f"{sum(each.reached for each in found)} of {len(found)}", "", "")]
     for words, (name, unit) in names.items():
-        values = spread(found, lambda each, name=name: float(getattr(each, name)))  # type: ignore[misc]
-        median, most, largest = (f"{unit * value:z.4g}" for value in values)
-        rows.append((words, median, most, largest))
-    if placed := [1e3 * m for each in found if (m := each.object_m) is not None]:
-        median, most, largest = (f"{mm:z.4g}" for mm in np.quantile(placed, (0.5, 0.9, 1.0)))
-        rows.append(("object error [mm]", median, most, largest))
+        values = [unit * value for each in found if (value := getattr(each, name)) is not None]
+        if values:
+            median, most, largest = (f"{each:z.4g}" for each in np.quantile(values, (0.5, 0.9, 1)))
+            rows.append((words, median, most, largest))
+    if problem.objects:
         rows.append(("objects lost", f"{sum(each.lost for each in found)} in all", "", ""))
     if cleared := [1e3 * m for each in found if (m := each.least_clearance_m) is not None]:
         least = f"least {min(cleared):z.4g}"

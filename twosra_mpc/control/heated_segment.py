@@ -32,7 +32,7 @@ from twosra_mpc.thermal.uncertainty import Windows
 
 LONGEST_STEP_S = 0.2  # the controller must be called at least so often
 _LONGEST_S = 3600.0  # of a change that is waited for
-_COASTS_S = 14.0  # after a bend, until metal freezes: 7 to 21 s in runs of the published problems
+_COASTS_S = 7.0  # after a bend, until metal freezes: least of runs of the published problems
 
 
 @dataclass(eq=False)

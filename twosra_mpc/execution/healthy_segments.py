@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.stiffness import CLEARLY_LIQUID_K
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import Array, SegmentModel, thresholds_C
 from twosra_mpc.thermal.uncertainty import healthy_ranges
@@ -23,7 +22,7 @@ from twosra_mpc.validation import ArrayValue
 _MELTS_OFF_K, _AIR_OFF_K, _GAIN_OFF = 0.3, 2.0, 0.03  # thermistors and dividers of 1 % parts
 _LAGS, _SHARES = (0.18, 1.3), (0.5, 1.0)  # of the longest, and of reports; of it in the first
 _REST_OFF_K, _WARM_OFF_K = 1.0, 3.0  # of metal at rest; of metal that is said to be warm
-_SOLID_K = 5.0  # below the melting point a reading is of solid metal
+_SOLID_K, _NOISE_K = 5.0, 0.1  # below the melting point a reading is of solid metal; of readings
 _HELD_S = 3.0  # in which a switch brings metal back to its set-point
 _STEP_S, _COOLS_S = 0.5, 1.5  # the fastest metal warms by 1 K in the one, and cools in the other
 _EPS = 1e-6
@@ -106,11 +105,24 @@ class Kinds(ArrayValue):
         return len(self.middle)
 
     @property
+    def either(self) -> int:
+        """Which parameter says whether firmware keeps metal warm: it does, or does not."""
+        return len(self.names) + 3
+
+    @property
     def described(self) -> Array:
         """Point of the segment as described, and of the middle of what is not, (p,)."""
         described = self.middle.copy()
         described[: len(self.names)] = [getattr(self.nominal, name) for name in self.names]
         return (described - self.middle) / self.half
+
+    @cached_property
+    def melts_to_C(self) -> float:
+        """Highest reading of metal that melts, of any kind."""
+        names, most = self.names, self.middle + self.half
+        melts_C = thresholds_C(replace(self.nominal, **dict(zip(names, most, strict=False))))[1]
+        air_C = self.nominal.ambient_C
+        return air_C + float(most[len(names)]) * (melts_C - air_C) + _NOISE_K
 
     def is_solid(self, shown_C: float) -> bool:
         """True if a reading is surely of solid metal."""
@@ -118,7 +130,7 @@ class Kinds(ArrayValue):
 
     def is_liquid(self, shown_C: float) -> bool:
         """True if a reading is above that of metal that melts."""
-        return shown_C > thresholds_C(self.nominal)[1] + CLEARLY_LIQUID_K
+        return shown_C > self.melts_to_C
 
     def start(self, shown_C: float, said_C: float, liquid: bool = False) -> Start:
         """Rest as the first reading has it where metal is solid, else as it is said to be."""
@@ -231,11 +243,10 @@ class Segments(ArrayValue):
         if heat.off:
             return 0.0
         sensor = self.bodies.sensor
-        share = np.clip(heat.share + heat.unknown * sensor.bias, 0.0, 1.0)
+        known = heat.share if heat.held_C is None else self._holding(heat.held_C)
+        share = np.clip(known + heat.unknown * sensor.bias, 0.0, 1.0)
         if heat.warm:
             share = share * sensor.keeps
-        if heat.held_C is not None:
-            share = self._holding(heat.held_C)
         return self.bodies.kinds.full_A * np.sqrt(share)
 
     def _after(self, here_C: Array, current_A: Array | float, for_s: float) -> tuple[Array, ...]:

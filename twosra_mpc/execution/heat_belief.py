@@ -7,7 +7,7 @@ was known before is the prior. Beside a segment of these values others are warme
 along each principal axis of what is not known: their differences are the sensitivities of readings
 and metal. The heater is off where metal may be too hot, or where no healthy segment would have
 shown what was shown. A sensor that sticks near the melting point shows what metal that melts slowly
-would: where known heat alone makes metal too hot, such readings must not cost much.
+would: where by known heat alone metal may be too hot, such readings must not cost much.
 """
 
 from __future__ import annotations
@@ -25,15 +25,17 @@ from twosra_mpc.thermal.model import Array, State
 from twosra_mpc.validation import ArrayValue
 
 _UNLIKE_K, _LAST = 1.6, 5.0  # root mean square of so many readings, off those of every segment
-_UNLIKE_COST = 20.0  # of the prior; 13.4 at most in 381 runs of healthy segments
-_UNLIKE_TOLD = 10.0  # of readings near the melting point of hot metal; 3.5 of healthy segments
+_UNLIKE_COST = 20.0  # of the prior; 10 at most in 400 runs of healthy segments
+_UNLIKE_TOLD = 10.0  # of readings near the melting point of metal that may be hot; 4 in these
 _GAIN = 0.1  # less is not worth a step
 _DOUBT_K, _DOUBT_TOLD = 0.8, 5.0  # from which on the heater waits
+_SLOWLY = 0.4  # share of a misfit that all readings have, and no healthy segment for half a minute
 _NOISE_K = 1.0  # of a reading a second: neighbours err alike
 _PRIOR = 0.6  # deviation of what is equally likely from -1 to 1
+_EITHER = 1.2  # of what is at one end or the other
 _KNOWN, _KNOWN_S = 0.1, 300.0  # deviation that comes with time
 _ENDS = 1.05  # of the ranges: segments at their ends
-_SURELY, _LIKELY = 2.5, 1.0  # deviations; of metal by known heat alone
+_SURELY = 2.5  # deviations; metal may be so much hotter
 CLEARLY = 0.5  # deviations; of what metal is beyond a plateau: neighbours do not err so much alike
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
@@ -166,8 +168,8 @@ class HeatBelief(ArrayValue):
         step: Gauss-Newton step from there, (p,).
         covariance: Of the parameters, (p, p).
         cost: Of the prior, after the step: how unlikely such a segment was.
-        told: Cost of readings near the melting point, beyond all others, where known heat alone
-            makes metal too hot; else 0.
+        told: Cost of readings near the melting point, beyond all others, where by known heat
+            alone metal may be too hot; else 0.
         since: Heat and readings since the start.
         heat: Heat since the last of them.
         shown_C: Last reading; None if there was none.
@@ -216,7 +218,7 @@ class HeatBelief(ArrayValue):
     @property
     def doubt(self) -> float:
         """Doubt in the last readings: 1 where no healthy segment shows them, more than 0 if few."""
-        told = (self.told - _DOUBT_TOLD) / _UNLIKE_TOLD
+        told = _SLOWLY * self.told / _UNLIKE_TOLD
         return 1.0 if self.misfit >= 1.0 else max(self.square_K2 / _UNLIKE_K**2, told)
 
     @property
@@ -384,14 +386,15 @@ class HeatBelief(ArrayValue):
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())
-        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or now.told >= _DOUBT_TOLD
+        ahead = now.told + max(0.0, now.told - self.told)  # at the next reading
+        doubted = self.off_K > _DOUBT_K or now.misfit >= 1.0 or ahead >= _DOUBT_TOLD
         return replace(now, cut=hot or doubted)
 
     def _told(self) -> float:
-        """Cost of readings near the melting point where known heat alone makes metal too hot."""
+        """Cost of readings near the melting point where, by heat alone, metal may be too hot."""
         if self.blind is self.fit:
             return 0.0
-        hot = replace(self._about(self.blind), surely=_LIKELY)._hot(self.cut)
+        hot = replace(self._about(self.blind), surely=_SURELY)._hot(self.cut)
         return self._cost(self.fit) - self._cost(self.blind) if hot else 0.0
 
     def _cost(self, fit: Fit) -> float:
@@ -425,6 +428,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     """Believe in a segment (from 0) that has rested at this temperature."""
     kinds = healthy_kinds(robot, air_C, segment)
     wide = _PRIOR * (1 + np.abs(kinds.described))  # as the farther end of the range is far
+    wide[kinds.either] = _EITHER
     prior = Prior(kinds.described, np.diag(wide**-2.0))
     covariance, start = _inverse(prior.precision), kinds.start(start_C, start_C)
     fit = _fit(kinds, start, covariance, prior.mean[None])

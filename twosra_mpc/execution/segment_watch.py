@@ -248,7 +248,7 @@ class SegmentWatch:
             self._check_likeness(passed_s, temperature_C, self.belief)
         heats = self.allowed_C(setpoint_C) >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
-        self._check_progress(time_s, temperature_C, stiffness, heats)
+        self._check_progress(time_s, temperature_C, stiffness)
 
     def _asked_by(self, setpoint_C: float) -> Asked:
         if setpoint_C >= self._heater.soft_setpoint_C:
@@ -294,7 +294,7 @@ class SegmentWatch:
             return Heat(passed_s, (current_A / heater.melt_current_A) ** 2)
         if sent_C <= heater.rigid_setpoint_C or before_C >= sent_C <= now_C:
             held = soft and sent_C <= max(before_C, now_C) <= sent_C + _HELD_K
-            return Heat(passed_s, 0.0, held_C=now_C if held else None)
+            return Heat(passed_s, 0.0, _EDGE, held_C=now_C) if held else Heat(passed_s, 0.0)
         if soft and heater.hold_duty == 1.0 and now_C > sent_C - _BAND_K:
             share = min(1.0, ((sent_C - now_C) / _BAND_K) ** 2)
             return Heat(passed_s, share, _EDGE, held_C=now_C if now_C > sent_C - _NEAR_K else None)
@@ -425,12 +425,11 @@ class SegmentWatch:
             self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
 
     def _check_progress(
-        self, time_s: float, here_C: float, stiffness: KnownStiffness | None, heats: bool
+        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
     ) -> None:
-        """Changes that take longer than the model's times allow, once begun."""
+        """Changes that take longer than the model's times allow, also with the heater at rest."""
         stretch = self._stretch
-        rests = self._asked == "soft" and not heats
-        if rests or self._asked == "warm" or stiffness == self._asked:
+        if self._asked == "warm" or stiffness == self._asked:
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C

@@ -113,6 +113,21 @@ def number(text: str, field: str, source: str) -> float:
     return value
 
 
+def numbers_in(text: str, field: str, allowed: str, count: int | None = None) -> list[float]:
+    """Return the numbers, so many if that is told, of an option: parted by commas.
+
+    Raises:
+        InputError: If it has others.
+    """
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or len(found) != (count or len(found)):
+        raise InputError(field, text, allowed)
+    return found
+
+
 def finer_unit(time_s: Array) -> str:
     """Ask for the unit of times (rows,) too far apart for seconds; empty if they are not."""
     step = float(np.median(np.abs(np.diff(time_s)))) if len(time_s) > 1 else 0.0

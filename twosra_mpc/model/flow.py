@@ -228,6 +228,8 @@ class Motion:
         states: q at the nodes, (phases, intervals + 1, 3 + n).
         changes: Changes of the input within an interval times h, of drives that turn on the way,
             (phases, intervals, 5): a share w of it v h is s + changes (w - 1/2). Zero elsewhere.
+        lasting_s: How long these intervals last, (phases, intervals) [s]. Zero elsewhere: as short
+            as the limits allow.
     """
 
     robot: Robot
@@ -235,9 +237,12 @@ class Motion:
     inputs: Array
     states: Array
     changes: Array = field(default_factory=lambda: np.zeros(1))
+    lasting_s: Array = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "changes", np.broadcast_to(self.changes, self.inputs.shape))
+        lasting_s = np.broadcast_to(self.lasting_s, self.inputs.shape[:2])
+        object.__setattr__(self, "lasting_s", lasting_s)
         self.inputs.setflags(write=False)
         self.states.setflags(write=False)
 
@@ -260,15 +265,14 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
 def joined(motions: Sequence[Motion]) -> Motion:
     """One motion after the other; each begins where the one before ends."""
     most = max(motion.inputs.shape[1] for motion in motions)
-    inputs, states, changes = list[Array](), list[Array](), list[Array]()
+    told = list[tuple[Array, ...]]()
     for motion in motions:
         resting = ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0))
-        inputs.append(np.pad(motion.inputs, resting))
-        changes.append(np.pad(motion.changes, resting))
-        states.append(np.pad(motion.states, resting, mode="edge"))
+        inputs, changes = np.pad(motion.inputs, resting), np.pad(motion.changes, resting)
+        states = np.pad(motion.states, resting, mode="edge")
+        told.append((inputs, states, changes, np.pad(motion.lasting_s, resting[:2])))
     sequence = tuple(itertools.chain.from_iterable(motion.sequence for motion in motions))
-    told = (np.concatenate(each) for each in (inputs, states, changes))
-    return Motion(motions[0].robot, sequence, *told)
+    return Motion(motions[0].robot, sequence, *map(np.concatenate, zip(*told, strict=True)))
 
 
 def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:

@@ -170,7 +170,7 @@ def searched(
                 check_around(problem)
             if problem.planner == "greedy":
                 return plan_greedily(problem)
-            if problem.obstacles and not (problem.objects or problem.tasks):
+            if problem.obstacles and not problem.objects:
                 found = _unhindered(problem, excluded, than_s, worth_s)
                 if found is not None:
                     stats = replace(found.stats, work=spent(), first_plan_work=spent())
@@ -214,6 +214,8 @@ def _unhindered(
     from twosra_mpc.planning.stages.necessity import same_shape
     from twosra_mpc.space.screws import moved
 
+    if len(variants := ways_of(problem).variants) == 1:
+        problem = variants[0].problem  # a task that comes last is the goal
     around = Surroundings(problem.world, problem.robot.geometry)
 
     def overlaps(q: Array) -> bool:
@@ -247,10 +249,11 @@ def _unhindered(
         raise KeyboardInterrupt
     if result.plan is None or result.ending is Ending.LIMIT:
         return None
-    trajectory = replace(result.plan.trajectory, problem=problem)
+    asked = result.plan.problem.with_values(obstacles=problem.obstacles)
+    trajectory = replace(result.plan.trajectory, problem=asked)
     verification = verify(trajectory)
     made = replace(result.plan, trajectory=trajectory, verification=verification)
-    return replace(result, problem=problem, plan=made) if verification.ok else None
+    return replace(result, problem=asked, plan=made) if verification.ok else None
 
 
 def _search(
@@ -319,7 +322,9 @@ def _confirmed(found: SearchResult[Solved]) -> SearchResult[Solved] | None:
 
 def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | None]:
     """Yield drives without a melt, if that suffices: a screw; if it may gain, one that turns."""
-    node = tree.root()
+    stages, only = tree.variants[0], len(tree.variants) == 1
+    solid = only and tree.first == stages[0].rigid
+    node = tree.opened(0, ((stages[0].rigid,),) * (len(stages) - 1)) if solid else tree.root()
     least = tree.leaf_bound(node)
     for found in itertools.islice(tree.solve(node) if least < math.inf else (), 2):
         yield found

@@ -1,4 +1,4 @@
-"""A policy: a plan, and what is done instead where a joint bend ends elsewhere; with its price."""
+"""Policies: a plan with recourse where a joint bend ends elsewhere, and its expected cost."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twosra_mpc.robot.modes import ModeSequence, named, soft_segments
 
 
 def priced(costs: Iterable[tuple[float, float]], risk: Risk) -> float:
-    """Mean of costs, each with its probability before it, or their quantile."""
+    """Mean, or a quantile, of costs that each have their probability before them."""
     if isinstance(risk, str):
         return sum(share * cost for share, cost in costs if share > 0)
     left, ordered = risk, sorted(costs, key=lambda each: each[1])
@@ -24,12 +24,12 @@ _ROUNDING = 1e-9  # of probabilities
 
 
 class Branch(NamedTuple):
-    """What follows where a joint bend misses, or is right by chance.
+    """Branch of a policy: its course after a joint bend that misses, or is right by chance.
 
     Attributes:
-        probability: Of it.
-        phase: The bend, counted from 1.
-        when: How it goes then, e.g. "splits by more than 5 %".
+        probability: Of the branch.
+        phase: Number of the bend's phase, from 1.
+        when: Outcome of the bend, e.g. "splits by more than 5 %".
         off_per_m: How far off the goal a curvature is then, at least.
         sequence: Modes in which the rest is done.
         cost_s: Expected cost of all, from the start.
@@ -44,13 +44,13 @@ class Branch(NamedTuple):
 
     @property
     def condition(self) -> str:
-        """When it follows, with its probability."""
+        """Condition of the branch in words, with its probability."""
         bend = f"if the joint bend of phase {self.phase} {self.when}"
         return f"{bend} (probability {self.probability:z.2g})"
 
     @property
     def action(self) -> str:
-        """What is done then, e.g. "segment 2 freezes and segment 1 is corrected"."""
+        """Recourse in words, e.g. "segment 2 freezes and segment 1 is corrected"."""
         soft = [mode for mode in self.sequence if any(mode)]
         if not soft:
             return "all segments freeze as they are"
@@ -61,17 +61,17 @@ class Branch(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """A plan with recourse: it is looked at after a joint bend, and what is left planned again.
+    """Plan with recourse: the robot is measured after a joint bend, and the rest planned again.
 
     Costs are of runs: until melts and freezes are known to be over.
 
     Attributes:
-        risk: What of the cost counts: "mean", or a quantile.
+        risk: Risk measure of the cost: "mean", or a quantile.
         cost_s: That mean or quantile.
         planned_s: Cost where everything goes as planned.
-        branches: What may follow instead.
+        branches: Branches, one for each other outcome.
         lower_bound: Proved lower bound on the cost of every policy [s].
-        known_bound: The same where how joint bends go is known before [s].
+        known_bound: Lower bound for a planner that knows all outcomes in advance [s].
     """
 
     risk: Risk
@@ -99,26 +99,26 @@ class Policy(NamedTuple):
 
     @property
     def what(self) -> str:
-        """What of the cost counts, in words."""
+        """Risk measure in words."""
         return "expected" if isinstance(self.risk, str) else f"{self.risk:zg} quantile"
 
     @property
     def words(self) -> str:
-        """What is expected, how far from the best that can be, and what not knowing costs."""
+        """Cost by the risk measure, its proved gap, and the value of perfect information."""
         proved = f"proved: no policy below {self.lower_bound:z.1f} s ({100 * self.gap:z.1f} % less)"
         unknown = f"not knowing costs {self.cost_s - self.known_bound:z.0f} s at most"
         return f"{self.what} {self.cost_s:z.1f} s as confirmed; {proved}; {unknown}"
 
     @property
     def outcomes(self) -> Iterator[tuple[str, str, float]]:
-        """What may come, what is done then, and the expected cost of all [s]."""
+        """Outcomes in words, with the recourse and the expected cost of the whole [s]."""
         yield f"as planned (probability {self.going_as_planned:z.2g})", "", self.planned_s
         for each in self.branches:
             yield each.condition, each.action, each.cost_s
 
     @property
     def sentences(self) -> Iterator[str]:
-        """The same in words, with what each takes longer."""
+        """Outcomes as sentences, with the time that each adds."""
         for when, done, cost_s in self.outcomes:
             takes = f"{cost_s - self.planned_s:+z.0f} s" if done else f"{cost_s:z.0f} s"
             yield f"{', '.join(filter(None, (when, done)))}: {takes}"

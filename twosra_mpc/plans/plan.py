@@ -254,7 +254,12 @@ class Plan(ArrayValue):
         Raises:
             InputError: If the time is not within the plan.
         """
-        return rest_at(self.trajectory, time_s)
+        trajectory, problem = self.trajectory, self.problem
+        if not 0.0 <= time_s <= trajectory.duration_s:
+            raise InputError("time_s", time_s, f"from 0 to {trajectory.duration_s:zg} s")
+        left = problem.tasks[sum(done_s <= time_s for done_s in trajectory.done_s) :]
+        given = {"start": start_at(trajectory, time_s), "objects": objects_at(trajectory, time_s)}
+        return problem.with_values(**given, tasks=left)
 
     def __str__(self) -> str:
         return f"{sequence_name(self.sequence)}: {headline(self)}"
@@ -362,20 +367,6 @@ def _costs(plan: Plan) -> str:
 
 
 _ALL = 1e-9  # metal that is molten but for so much is liquid
-
-
-def rest_at(trajectory: Trajectory, time_s: float) -> Problem:
-    """The problem that is left: its start as the plan has it then, at rest, and what is not done.
-
-    Raises:
-        InputError: If the time is not within the plan.
-    """
-    if not 0.0 <= time_s <= trajectory.duration_s:
-        raise InputError("time_s", time_s, f"from 0 to {trajectory.duration_s:zg} s")
-    done = sum(done_s <= time_s for done_s in trajectory.done_s)
-    left = trajectory.problem.tasks[done:]
-    given = {"start": start_at(trajectory, time_s), "objects": objects_at(trajectory, time_s)}
-    return trajectory.problem.with_values(**given, tasks=left)
 
 
 def start_at(trajectory: Trajectory, time_s: float) -> Start:

@@ -13,7 +13,7 @@ limit on acceleration every interval takes its least time at constant speed.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -83,22 +83,29 @@ class SpeedProfile:
         )
 
 
-NONE_KNOWN: Mapping[int, SpeedProfile] = {}
-
-
-def fastest(
-    motion: Motion, known: Mapping[int, SpeedProfile] = NONE_KNOWN
-) -> tuple[SpeedProfile, ...]:
-    """The quickest speed profile of each phase within the robot's limits, where none is known."""
+def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
+    """The quickest speed profile of each phase within the robot's limits, where not told."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
-        durations = interval_durations(motion)
+        durations = np.where(motion.lasting_s > 0, motion.lasting_s, interval_durations(motion))
         made = (lasting(motion, i, own) for i, own in enumerate(durations))
-        return tuple(known.get(i, _noticed(own)) for i, own in enumerate(made))
+        return tuple(map(_noticed, made))
     charge(Cost.PROFILE, motion.inputs[..., 0].size)
-    parts = list(_smooth_parts(motion, known))
-    whole = list(zip(parts, _from_rest_to_rest(motion, parts), strict=True))
-    own = ([each for p, each in whole if p.phase == i] for i in range(len(motion.sequence)))
-    return tuple(known.get(i) or _joined(motion, i, each) for i, each in enumerate(own))
+    parts = list(_smooth_parts(motion))
+    whole = [*zip((part.phase for part in parts), _from_rest_to_rest(motion, parts), strict=True)]
+    if motion.lasting_s.any():
+        whole = sorted([*whole, *_told(motion)], key=lambda each: float(each[1].x[0]))
+    phases = range(len(motion.sequence))
+    return tuple(_joined(motion, i, [own for p, own in whole if p == i]) for i in phases)
+
+
+def _told(motion: Motion) -> Iterator[tuple[int, SpeedProfile]]:
+    """Phase and profile of each run of intervals of which it is told how long they last."""
+    phase, k = np.nonzero(motion.lasting_s)
+    breaks = np.flatnonzero((np.diff(phase) != 0) | (np.diff(k) != 1)) + 1
+    for run in np.split(np.arange(len(k)), breaks) if len(k) else ():
+        own = np.zeros(motion.lasting_s.shape[1])
+        own[k[run]] = motion.lasting_s[phase[run[0]], k[run]]
+        yield int(phase[run[0]]), lasting(motion, int(phase[run[0]]), own)
 
 
 def _noticed(profile: SpeedProfile) -> SpeedProfile:
@@ -166,11 +173,10 @@ class _Part(NamedTuple):
     path: Array
 
 
-def _smooth_parts(motion: Motion, known: Container[int]) -> Iterator[_Part]:
-    """Every phase that is not known from rest to rest, and to rest where its path has a corner."""
+def _smooth_parts(motion: Motion) -> Iterator[_Part]:
+    """Every phase from rest to rest, and to rest where its path has a corner."""
     lengths = np.linalg.norm(motion.inputs, axis=2)
-    lengths[[i in known for i in range(len(lengths))]] = 0.0
-    phase, k = np.nonzero(lengths > _NOTHING)
+    phase, k = np.nonzero((lengths > _NOTHING) & (motion.lasting_s == 0))
     if not len(k):
         return
     ends = np.concatenate([motion.states[phase, k], motion.states[phase, k + 1]])

@@ -12,7 +12,6 @@ from twosra_mpc.plotting.figures import save_figure as save_figure
 from twosra_mpc.plotting.film import Film as Film
 from twosra_mpc.plotting.film import animate_plan as animate_plan
 from twosra_mpc.plotting.film import check_animation_path as check_animation_path
-from twosra_mpc.plotting.map_figure import plot_map as plot_map
 from twosra_mpc.plotting.plan_figures import plan_title as plan_title
 from twosra_mpc.plotting.plan_figures import plot_plan as plot_plan
 from twosra_mpc.plotting.plane import draw_outline as draw_outline

@@ -27,7 +27,7 @@ from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness, mark_melting
 from twosra_mpc.robot.coordinates import Array
 
-SIZE_IN, DPI = (8.0, 6.6), 100
+SIZE_IN, DPI = (8.0, 6.6), 100  # of a film: 800 by 660 pixels
 MARGIN_M, ABOVE = 0.02, 0.15  # around the motion; share of the plane that the words take
 LETTERS = 72  # that fit above the plane
 AHEAD = 0.25  # opacity of what is yet to come

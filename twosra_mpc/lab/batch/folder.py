@@ -143,7 +143,7 @@ def _numbers(result: Result) -> Row:
     }
 
 
-FORMAT = 1
+FORMAT = 1  # of the folder: another one is not gone on with
 _ABOUT, _SPEC, _PLANS = "batch.json", "spec.toml", "plans"
 
 

@@ -68,7 +68,7 @@ def _possible(robot: Robot, drawn: Array) -> NDArray[np.bool_]:
     return np.min(least, axis=0).reshape(-1, 2).min(axis=1) >= 0
 
 
-MOST_PROBLEMS = 10_000_000
+MOST_PROBLEMS = 10_000_000  # of a batch: its table is held in memory
 
 Scalar = bool | int | float | str
 Planner = Literal["optimal", "greedy", "both"]

@@ -25,7 +25,7 @@ from twosra_mpc.lab.batch.problems import Posed
 CHUNK_S = 1.0  # what a task should take
 _FIRST, _MOST = 2, 500  # problems in the first chunks, and at most
 _EACH = 2  # chunks on their way for each worker: one is planned, one waits
-_ANSWER_S = 10.0
+_ANSWER_S = 10.0  # within which a scheduler answers [s]
 _LOOPBACK = "127.0.0.1"  # neither scheduler nor dashboard asks who is there
 # Numerical libraries would start a thread for every core in every worker.
 _ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}

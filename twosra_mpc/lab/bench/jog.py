@@ -25,7 +25,7 @@ from twosra_mpc.robot.modes import Mode
 
 HELD_S = 0.5  # a key that has not come again for so long is not held; keyboards repeat by then
 HEATED_S = 120.0  # without any key heaters go off after so long; a melt takes a minute
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # relative, of speeds and times
 
 
 class Jog(NamedTuple):

@@ -12,6 +12,7 @@ import click
 from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.csv_table import numbers_in
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
     BAND_NAMES,
@@ -99,29 +100,14 @@ def estimate_curvature_command(
 
 def pixel(text: str) -> tuple[float, float]:
     """Return the pixel (x, y) that a text names; otherwise raises an InputError."""
-    try:
-        x, y = map(float, text.split(","))
-    except ValueError:
-        raise InputError("towards", text, "two numbers: 37,34") from None
+    x, y = numbers_in(text, "towards", "two numbers: 37,34", 2)
     return x, y
 
 
 def _document(found: list[list[Estimate]]) -> dict[str, Any]:
     known = summary(found)
     known.pop("bands_mse_per_m2")
-    estimates = [
-        {
-            "picture": str(each.path),
-            "reference_per_m": each.reference_per_m,
-            "published_per_m": each.published_per_m,
-            "arc_per_m": each.arc_per_m,
-            "arc_standard_error_per_m": each.measured and each.measured.arc.standard_error_per_m,
-            "arc_p_value": each.measured and each.measured.arc.p_value,
-            "refused": each.refused or None,
-        }
-        for one in found
-        for each in one
-    ]
+    estimates = [{**each.record, "picture": str(each.path)} for one in found for each in one]
     return {**known, "estimates": estimates}
 
 

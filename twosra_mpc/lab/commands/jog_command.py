@@ -21,7 +21,7 @@ from twosra_mpc.lab.serial.stream import Recorder
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, load_robot
 
-_KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1
+_KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1  # of what a key asks for, a crawl
 
 
 @command("jog")

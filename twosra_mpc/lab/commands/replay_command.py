@@ -11,6 +11,7 @@ from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
 from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
+from twosra_mpc.lab.csv_table import numbers_in
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -51,8 +52,8 @@ def replay_command(
     described = load_robot(robot)
     if path_model is not None:
         described = with_path_model(described, path_model)
-    speeds = None if wheels is None else _numbers("wheels", wheels, "four numbers: 6,0,0,0")
-    bits = None if mode is None else _numbers("mode", mode, "0 or 1 for each segment: 1,0")
+    speeds = None if wheels is None else numbers_in(wheels, "wheels", "four numbers: 6,0,0,0")
+    bits = None if mode is None else numbers_in(mode, "mode", "0 or 1 for each segment: 1,0")
     if bits is not None and not set(bits) <= {0.0, 1.0}:
         raise InputError("mode", mode, "0 or 1 for each segment: 1,0")
     driven = None if bits is None else tuple(map(int, bits))
@@ -64,13 +65,6 @@ def replay_command(
         plot_replay(recorded, described, phases, plot)
     found = recorded, described, phases
     output.report(lambda: _document(*found), lambda: _print(*found))
-
-
-def _numbers(field: str, text: str, allowed: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(field, text, allowed) from None
 
 
 def _document(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> dict[str, Any]:

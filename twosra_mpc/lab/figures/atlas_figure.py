@@ -22,7 +22,7 @@ from twosra_mpc.robot.coordinates import Array
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_SIZE_IN = (11.0, 7.2)
+_SIZE_IN = (11.0, 7.2)  # of the figure: two rows of three panels
 _TOLD_APART = 9  # sequences with a colour of their own
 SEQUENCE_COLOURS = (  # told apart also without red or green
     *("#2a6fbb", "#e07b00", "#720c0c", "#acbef5", "#d4d490"),

@@ -22,7 +22,7 @@ from twosra_mpc.plotting import figures, plane
 SHOWN = 5  # pictures, evenly by curvature
 TITLES = ("Photograph", "Contour", "Medial line", "Fitted arc")
 _ROOM = 0.55  # of the segment's length, around what shines
-_BAR_M = 0.01
+_BAR_M = 0.01  # length of the scale bar [m]
 _FINE = 8  # times finer is the picture whose contour is drawn
 
 _CONTOUR: dict[str, Any] = {"colors": "#35c4ff", "linewidths": 1.2}

@@ -1,11 +1,11 @@
-"""What runs tell of joint bends: how segments that are soft together share a bend.
+"""Distributions of joint bends from runs: how segments that are soft together share a bend.
 
 Where a joint bend begins, a share of the difference of their W is lost, and the rest grows with
-their mean by twice the split. What a run shows counts once, as repetition within a run tells
-nothing of the next one; what the robot's file says counts as one run that was, and as two that tell
-how runs differ. Values that are equally likely stand for what the next run may show (of Student's
-distribution): with one run that is as wide as the file has it, with more it narrows to how runs
-differ, and never below.
+their mean by twice the split. A run counts as one observation, since repetition within a run tells
+nothing of the next one. The robot's file is the prior: it weighs as one run in the mean, and as two
+in the variance. Equally likely values stand for the predictive distribution of the next run
+(Student's): after one run it is as wide as the prior, after more it narrows to the spread between
+runs, and never below.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, soft_segments
 
-_SEEN_S = 1.0  # after a bend, until which it is seen where it ended
-VALUES = 5  # equally likely ones that stand for what is learned
+_SEEN_S = 1.0  # s after a bend, in which the camera sees where it ended
+VALUES = 5  # equally likely ones for a distribution: a policy has as many branches
 
 
 class Told(NamedTuple):
-    """What a run tells: means over its bends, NaN where it tells nothing.
+    """Observation of a run: means over its joint bends, NaN where there is none.
 
     Attributes:
         split: Share by which the first of segments that are soft together bends more than on
@@ -47,7 +47,7 @@ class Told(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What the next run may show: mean, spread, and equally likely values that have both."""
+    """Predictive distribution of the next run: mean, deviation, equally likely values."""
 
     mean: float
     spread: float
@@ -55,7 +55,7 @@ class Learned(NamedTuple):
 
 
 def told_by(run: Run, robot: Robot) -> Told:
-    """What a run of a robot tells.
+    """Observe the joint bends of a run.
 
     Raises:
         InputError: If it is a run of another robot.
@@ -81,7 +81,7 @@ def _soft_drives(run: Run) -> Iterator[tuple[Mode, float, float]]:
 
 
 def _told(run: Run, robot: Robot, mode: Mode, start_s: float, end_s: float) -> Told:
-    """What one bend tells."""
+    """Split, relaxation and gain of one bend."""
     log, soft, facts = run.log, list(soft_segments(mode)), bending(robot)
     first, end, last = np.searchsorted(log.time_s, (start_s, end_s, end_s + _SEEN_S)).tolist()
     w = facts.coordinates(log.q[:, POSE:])[:, soft]
@@ -107,11 +107,11 @@ def _told(run: Run, robot: Robot, mode: Mode, start_s: float, end_s: float) -> T
 def learned(
     known: Sequence[float] | None, shown: Sequence[float], within: tuple[float, float]
 ) -> Learned:
-    """What the next run may show.
+    """Predict the next run from the prior and the runs observed.
 
     Args:
-        known: Values of the robot's file, all equally likely; None if it says nothing.
-        shown: What each run has shown; at least one, or two where nothing is known.
+        known: Prior: equally likely values of the robot's file; None if it says nothing.
+        shown: Observation of each run; at least one, or two without a prior.
         within: Least and largest value there may be.
     """
     n, weight = len(shown), 0 if known is None else 1

@@ -47,7 +47,7 @@ _OTHER_UNITS = (
 )
 _STEPS_S = (0.5, 1.0)  # finest and coarsest grid: the sensor lags by seconds
 _SPIKE_K = 0.5  # a reading this far from its neighbours', and farther than they can have moved
-_FASTEST_K_PER_S = 1.0
+_FASTEST_K_PER_S = 1.0  # that a reading changes by, behind the sensor's lags
 
 
 @public

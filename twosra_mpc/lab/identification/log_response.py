@@ -92,8 +92,8 @@ _ROUGHNESS_S2 = 0.04
 # How long readings after a hold are taken to correct its end (the sensor's lags amount to about as
 # much), how far core and first lag may be off there, and how far readings scatter.
 CORRECTED_S = 6.0
-_END_K = (1.0, 0.2)
-_SCATTER_K = 0.03
+_END_K = (1.0, 0.2)  # of core and first lag
+_SCATTER_K = 0.03  # of readings
 _RIDGE = 1e-9  # keeps the two values beyond a hold's ends finite where nothing determines them
 
 

@@ -35,7 +35,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 from twosra_mpc.validation import ReadOnlyArrays
 
-LEAST_ROWS = 3
+LEAST_ROWS = 3  # of a log: less has no course
 LONGEST_STEP_S = 30.0  # a longer one ends a phase: the robot waits for its metal
 
 _V = ("v1", "v2", "u0", "v0", "r0")
@@ -194,10 +194,9 @@ def _times(texts: list[str], name: str, source: str) -> Array:
             allowed = "a time of day, hh:mm:ss, or a number of seconds"
             raise InputError(f"{name}, row {index}", text, allowed, source)
         seconds.append(sum(part * 60.0**k for k, part in enumerate(reversed(parts))))
-    time_s = np.array(seconds)
-    if ":" in texts[0]:
+    time_s, of_day = np.array(seconds), ":" in texts[0]  # then rows of a second share its time
+    if of_day:
         time_s = np.unwrap(time_s, period=86400.0)  # midnight
-    of_day = ":" in texts[0]  # then rows of a second share its time
     back = np.flatnonzero(np.diff(time_s) < 0 if of_day else np.diff(time_s) <= 0)
     if len(back):
         row = int(back[0]) + 1

@@ -16,7 +16,7 @@ from twosra_mpc.lab.identification.log_fit import Bounded, Fitted, Residuals
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import Segment
 
-AIR_C = (-10.0, 45.0)
+AIR_C = (-10.0, 45.0)  # of a place where people work
 FASTEST_K_PER_S = 8.0  # heaters of these robots warm their segments by 1 to 3 K/s
 SLOWEST_K_PER_S = 0.02  # a segment that takes an hour to melt
 LEAST_CHANGE_K = 2.0  # of all heatings, and of all coolings

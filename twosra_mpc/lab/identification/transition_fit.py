@@ -48,12 +48,12 @@ from twosra_mpc.validation import ArrayValue
 
 Kind = Literal["melt", "freeze"]
 
-LEAST_OF_A_KIND = 5
+LEAST_OF_A_KIND = 5  # melts, and freezes, that a fit needs
 SHORTEST_S = 2.0  # what is shorter was no transition: it is shown, but not fitted
 PARTS = 10  # as many fits leave a part of the transitions out
 LARGEST_MEDIAN = 0.35  # of relative errors of the durations that are fitted
 
-_STEP_S, _LONGEST_MELT_S, _LONGEST_FREEZE_S = 1.0, 200.0, 600.0
+_STEP_S, _LONGEST_MELT_S, _LONGEST_FREEZE_S = 1.0, 200.0, 600.0  # of predictions
 _BEGIN_S = 1.0  # readings in this time are those at the begin
 _SCALE = 0.15  # relative errors beyond this count less
 # Durations hardly tell the body's heat: it is taken as known to this factor, as one transition is.

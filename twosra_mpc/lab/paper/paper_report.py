@@ -26,7 +26,7 @@ from twosra_mpc.lab.paper import (
 )
 from twosra_mpc.lab.paper.section import PAPER, Data, Section, Tell, Verdict, declared
 from twosra_mpc.lab.photographs.picture import PAPER_CAMERA, Camera
-from twosra_mpc.report.page import policy, versions
+from twosra_mpc.lab.report.page import policy, versions
 
 PAGE, NUMBERS = "report.html", "numbers.json"
 
@@ -154,7 +154,7 @@ def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], fol
         verdicts: How many claims have which verdict.
         folder: Where the figures are.
     """
-    style = data_file("report/page.css") + data_file(f"{_FOLDER}/paper.css")
+    style = data_file("lab/report/page.css") + data_file(f"{_FOLDER}/paper.css")
     names = [picture.file for section in sections for picture in section.pictures]
     page = environment(_FOLDER).get_template("paper.html")
     return page.render(

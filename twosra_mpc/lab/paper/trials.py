@@ -33,7 +33,7 @@ TRIALS_FIGURE, DTW_FIGURE = "trials.png", "dtw.png"
 COORDINATES = ("x", "y", "phi", "kappa_1", "kappa_2")
 DTW = {number: simulation.dtw for number, simulation in SIMULATIONS.items()}
 Trials: TypeAlias = dict[int, Data]  # number -> what its log says, in order
-_BEST_FIT_TRIAL = 3
+_BEST_FIT_TRIAL = 3  # by the paper
 
 
 def compute(folder: Path, tell: Tell, logs: Path) -> Data:

@@ -25,7 +25,7 @@ from twosra_mpc.lab.photographs.picture import Camera, Mask, Photograph, check_l
 from twosra_mpc.robot.coordinates import Array
 
 COMPATIBLE = 0.05  # least chance, if the segment were an arc, of a line at least as far off
-_STEPS = 30
+_STEPS = 30  # of Gauss and Newton, at most
 _ENOUGH = 1e-9  # px
 _FINE_PX = 0.1  # between samples
 _SHARE = 0.012  # of the curvature: what the drawn line does not know of the segment's own profile
@@ -33,11 +33,11 @@ _FLOOR_PX = 0.008  # what pixels and rounded grey values leave of the line's pla
 _REACH = 0.25  # of the length: half a profile across the segment
 _TO_CENTRE = 0.8  # of the radius: the same, where the segment is bent much
 _STRAIGHT = 1e-9  # 1/px
-_SHARPEST_PX = 0.4
+_SHARPEST_PX = 0.4  # blur of a drawn line, at least [px]
 _MARGIN = 4  # px
 _LEAST = 4  # stations
 _SLENDER = 2.0  # times as long as wide, at least
-_SOLVABLE = 1e12
+_SOLVABLE = 1e12  # condition number of normal equations, at most
 _DRAWN = 60  # points of an arc for figures
 
 

@@ -21,13 +21,13 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, ReadOnlyArrays, Value
 
 ENDINGS = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
-WHITE = 255
+WHITE = 255  # largest grey value of 8 bits
 _SPECK = 0.25  # of the largest bright region: what is smaller is no segment
 _EIGHT = np.ones((3, 3), dtype=bool)  # pixels touch at their corners too
 _SHORTEST, _LONGEST = 0.5, 1.6  # bright length over that of the segment
 
 _MARGIN = 3  # px around a segment that is cut out
-_KEYS = -0.75
+_KEYS = -0.75  # parameter a of cubic convolution
 
 Mask = NDArray[np.bool_]
 

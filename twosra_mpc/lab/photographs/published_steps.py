@@ -24,9 +24,9 @@ EXTRA = "vision"
 _FINE = 168  # fine pixels on a segment's length
 _BRUSH = np.ones((5, 5), dtype=bool)
 _DISC = (np.hypot(*np.mgrid[-4:5, -4:5]) <= 4).astype(np.int_)  # 49 pixels
-_LIFTED = 20
-_MEDIAN = 7
-_DEGREE, _WINDOW = 4, 4
+_LIFTED = 20  # white pixels of the 49 that lift a pixel
+_MEDIAN = 7  # pixels, width of the median filter
+_DEGREE, _WINDOW = 4, 4  # of the polynomial; points of the rolling mean
 _SEED = 0  # of what breaks ties
 # Eight neighbours (row, column) against the clock, from the right.
 _ROUND = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))

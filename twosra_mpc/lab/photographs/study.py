@@ -141,10 +141,12 @@ def deviation(folders: Sequence[tuple[Array, Array]]) -> Deviation:
     )
 
 
+_PUBLISHED = ("spread_per_m", "known")  # fields of the published steps, and of the arc, in tables
+_ARC = ("curvature_per_m", "standard_error_per_m", "p_value", "scatter_m", "seen_m")
 COLUMNS = (
-    *("folder", "picture", "reference_per_m"),
-    *("published_mean_per_m", "published_spread_per_m", "published_known"),
-    *("arc_per_m", "arc_standard_error_per_m", "arc_p_value", "arc_scatter_m", "arc_seen_m"),
+    *("folder", "picture", "reference_per_m", "published_mean_per_m"),
+    *(f"published_{name}" for name in _PUBLISHED),
+    *(f"arc_{name.removeprefix('curvature_')}" for name in _ARC),
     "refused",
 )
 Tell = Callable[[int, int], None]
@@ -196,6 +198,15 @@ class Estimate:
         known = math.isfinite(self.reference_per_m)
         signed = self.reference_per_m if known else self.arc_per_m
         return math.copysign(self.measured.published.mean_per_m, signed)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Value for each of `COLUMNS`; None where it is not known."""
+        parts = (self.measured.published, self.measured.arc) if self.measured else (None, None)
+        values = [self.path.parent.name, self.path.name, self.reference_per_m, self.published_per_m]
+        for part, names in zip(parts, (_PUBLISHED, _ARC), strict=True):
+            values += [getattr(part, name, None) for name in names]
+        return dict(zip(COLUMNS, [*values, self.refused or None], strict=True))
 
 
 def estimate_folder(
@@ -252,21 +263,14 @@ def save_estimates(estimates: Sequence[Estimate], path: str | Path) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for each in estimates:
-        numbers = [each.reference_per_m, each.published_per_m, *_numbers(each.measured)]
-        cells = ["" if math.isnan(value) else f"{value:z.6g}" for value in numbers]
-        writer.writerow([each.path.parent.name, each.path.name, *cells, each.refused])
+        writer.writerow(map(_cell, each.record.values()))
     write_text(path, text.getvalue())
 
 
-def _numbers(measured: Measured | None) -> list[float]:
-    """Columns after the published mean."""
-    if measured is None:
-        return [math.nan] * 7
-    published, arc = measured.published, measured.arc
-    return [
-        *(published.spread_per_m, published.known),
-        *(arc.curvature_per_m, arc.standard_error_per_m, arc.p_value, arc.scatter_m, arc.seen_m),
-    ]
+def _cell(value: str | float | None) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:z.6g}"
+    return value or ""
 
 
 def summary(found: Sequence[Sequence[Estimate]]) -> dict[str, Any]:

@@ -53,9 +53,9 @@ from twosra_mpc.validation import Count, Positive, ReadOnlyArrays
 IntArray: TypeAlias = NDArray[np.int64]
 
 _CURVATURE_LIMIT = 10.0 * CURVATURE_RANGE  # 1/m, beyond it the run is given up as diverged
-_STAGNATION = 1e-17
-_RECORDED_STEP = 1e-5
-_DIVERGENCE_FACTOR = 10.0
+_STAGNATION = 1e-17  # a step that moves q by no more changes the mode
+_RECORDED_STEP = 1e-5  # a step that moves q by more is recorded
+_DIVERGENCE_FACTOR = 10.0  # of the first distance: farther off, a run is given up
 
 
 class StopReason(enum.Enum):

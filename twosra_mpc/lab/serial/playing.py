@@ -86,10 +86,10 @@ class Playing(PlanPolicy):
         return Verdict("stream", ending, reason, (self.course.plan,), (self.course.begun,))
 
     def learnt(self, index: int, what: str) -> None:
-        """There is no other plan."""
+        """Go on: without poses nothing is planned again."""
 
     def troubled(self, trouble: Trouble) -> Activity:
-        """There is no other plan.
+        """End the run: without poses nothing is planned again.
 
         Raises:
             SegmentError: Always, or what else it is.

@@ -75,7 +75,7 @@ class SteppedClock:
         self._now_s += duration_s
 
 
-BAUD = 115200
+BAUD = 115200  # of the authors' firmware
 HIGHEST_RATE_HZ = 200.0  # 45 to 49 bytes a command are 80 to 85 % of what the line carries
 
 _SEGMENTS = "ABCD"

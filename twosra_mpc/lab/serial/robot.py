@@ -42,7 +42,7 @@ STOPS, STOP_PAUSE_S = 5, 0.05  # a stop is sent so often: a line can lose a byte
 
 _LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
 _LONGEST_REST_S = 0.2  # the follow-up robot reports once a second
-_SAME_TIME_S = 1e-6
+_SAME_TIME_S = 1e-6  # rounding of sums of times
 
 
 class PoseSource(Protocol):

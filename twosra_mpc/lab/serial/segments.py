@@ -67,7 +67,7 @@ class ModelledSegment:
         return 0.0 if above_K > MOST_K else self._heater.duty_of_hold
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
-        """Nothing should be reported: what is, is remembered."""
+        """Remember a report that should not come: it contradicts trust in the model."""
         self._asked = asked
         for reading_C in readings_C:
             if math.isfinite(reading_C):
@@ -104,10 +104,10 @@ class ColdSegment:
         return False
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
-        """Nothing is reported."""
+        """Ignore reports: no controller reads them."""
 
     def trouble(self, time_s: float, silent_s: float) -> str | None:
-        """Nothing is known of any."""
+        """None: no fault can be seen."""
         return None
 
 

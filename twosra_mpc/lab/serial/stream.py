@@ -262,7 +262,7 @@ class _Stream:
         self.on_state(StreamState(self.clock.now_s(), self.during, known))
 
 
-_JOIN_S = 0.01
+_JOIN_S = 0.01  # for which the thread that plans is waited for at a time [s]
 
 
 @public

@@ -36,7 +36,7 @@ class Lines(NamedTuple):
         end: What it costs to end in each cell, by number.
     """
 
-    cells: NDArray[np.intp]
+    cells: NDArray[np.int32]
     up: Array
     down: Array
     end: Array
@@ -99,24 +99,23 @@ def joined(edges: tuple[Array, ...], lines: Mapping[Mode, Sequence[Array]]) -> C
     """
     step = edges[0][1] - edges[0][0]
     rows, columns = (len(at) - 1 for at in edges)
-    numbers = np.pad(
-        np.arange(rows * columns).reshape(rows, columns), 1, constant_values=rows * columns
-    )
-    k = np.arange(-columns, rows)[:, None]
-    t = np.arange(2 * max(rows, columns) + 2)
+    each = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    numbers = np.pad(each, 1, constant_values=rows * columns)
+    k = np.arange(-columns, rows, dtype=np.int32)[:, None]
+    t = np.arange(2 * max(rows, columns) + 2, dtype=np.int32)
     j = t // 2 + np.maximum(0, -k)
     i = (t + 1) // 2 + np.maximum(0, -k) + k
     stairs = numbers[np.clip(i, 0, rows + 1), np.clip(j, 0, columns + 1)]
     inner = numbers[1:-1, 1:-1]
-    of_mode: dict[Mode, NDArray[np.intp]] = {(1, 0): inner.T, (0, 1): inner, (1, 1): stairs}
+    of_mode: dict[Mode, NDArray[np.int32]] = {(1, 0): inner.T, (0, 1): inner, (1, 1): stairs}
     made = dict[Mode, Lines]()
     for mode, costs in lines.items():
-        up, down = (np.append(each, IMPOSSIBLE)[of_mode[mode]] for each in costs[:2])
-        by = step * (0.5 if all(mode) else 1.0)
-        behind = np.cumsum(down[:, ::-1] + by, axis=1)[:, ::-1]
-        made[mode] = Lines(
-            of_mode[mode], np.cumsum(up + by, axis=1), behind, np.append(costs[2], np.inf)
-        )
+        cells, by = of_mode[mode], step * (0.5 if all(mode) else 1.0)
+        up, down = (np.append(each + by, IMPOSSIBLE + by)[cells] for each in costs[:2])
+        behind = down[:, ::-1]
+        for each in (up, behind):
+            np.cumsum(each, axis=1, out=each)
+        made[mode] = Lines(cells, up, down, np.append(costs[2], np.inf))
     return Cells(edges, made)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,9 +12,11 @@ from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.problem.problem import Problem, Weights
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, latest_times, transition_model
 
 _SCHEDULE_ROUNDS = 60  # of raising what a schedule must keep
+_LONG_S = 1e5
 
 
 def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
@@ -111,3 +114,20 @@ def _cheapest(network: TemporalNetwork, weights: Weights) -> Array | None:
     bounds = [(0.0, None)] * network.layout.count
     optimum = minimise(objective, matrix, -np.array(list(network.least.values())), bounds)
     return None if optimum is None else optimum[1]
+
+
+def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
+    """Duration that each rigid phase may have without making the plan longer, alone; else 0 [s]."""
+
+    def finish(durations: Sequence[float]) -> float:
+        times = with_durations(network, durations).earliest
+        return math.inf if times is None else times[network.layout.finish]
+
+    count = len(network.sequence)
+    least = finish([0.0] * count)
+    found = [0.0] * count
+    for i, mode in enumerate(network.sequence):
+        if is_rigid(mode):
+            lasting = [_LONG_S if k == i else 0.0 for k in range(count)]
+            found[i] = _LONG_S - (finish(lasting) - least)
+    return found

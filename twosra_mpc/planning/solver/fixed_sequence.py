@@ -110,7 +110,6 @@ def timed(
     problem: Problem,
     iterations: int,
     stage_ends: tuple[int, ...] = (),
-    profiles: tuple[SpeedProfile, ...] = (),
 ) -> Candidate | None:
     """Run a motion as fast as the limits allow, or as told, and schedule its transitions.
 
@@ -118,7 +117,7 @@ def timed(
     """
     if not shapes_allowed(motion, _STILL):
         return None
-    profiles = profiles or fastest(motion)
+    profiles = fastest(motion)
     durations = np.array([profile.duration_s for profile in profiles])
     found = feasible_schedule(network, durations, problem)
     return None if found is None else Candidate(motion, profiles, *found, iterations, stage_ends)

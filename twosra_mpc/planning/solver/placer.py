@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, joined, roll_out, twists
-from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.schedule import hidden_by_phase_s
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import INTERVALS, Candidate, timed
 from twosra_mpc.planning.solver.guess import correct_end
 from twosra_mpc.planning.solver.itinerary import Itinerary
-from twosra_mpc.planning.solver.sequence_solver import Solved, checked, shapes, stage_bends
+from twosra_mpc.planning.solver.sequence_solver import Solved, checked, shapes, stage_bends, turning
+from twosra_mpc.planning.solver.turning_drive import there, turned
 from twosra_mpc.planning.stages.along import Along
 from twosra_mpc.planning.stages.necessity import necessities
 from twosra_mpc.planning.stages.variants import Placement, Variant, goals_of
-from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
@@ -44,7 +44,6 @@ _MOST_MEMBERS = 8  # of a variant, that are tried
 _SAME_PER_M, _ASKED_PER_M = 1.0, 1e-3
 _STILL = 1e-9  # m, rad or change of W
 _LEAST_BEND = 1e-3  # change of W that is more than rounding
-_LONG_S = 1e5
 
 
 class OneWay(Drives):
@@ -57,12 +56,12 @@ class OneWay(Drives):
     def leg_times_s(self, start: Array, end: Array) -> Array:
         """Its time, from wherever it begins."""
         shape = np.broadcast_shapes(start.shape, end.shape)[:-1]
-        return np.full(shape, self._along.profile.duration_s)
+        return np.full(shape, self._along.lasts_s)
 
     def time_s(self, poses: Array) -> float:
         """Its time [s]."""
         del poses
-        return self._along.profile.duration_s
+        return self._along.lasts_s
 
     def best(self, start: Array, goal: Array) -> Array | None:
         """Its poses, if they keep clear."""
@@ -130,20 +129,58 @@ class Placer:
         self, itinerary: Itinerary, network: TemporalNetwork, hidden_s: Sequence[float]
     ) -> Iterator[Made]:
         """The plan of the best chain; where no plan is known yet, first that of the first one."""
-        best: dict[int, Array] | None = None
+        best, last = None, dict[int, Array]()
         first: Made = None
-        for _, best in itinerary.chains(hidden_s) if itinerary.possible else ():
+        for _, last in itinerary.chains(hidden_s) if itinerary.possible else ():
+            best = last
             if not self._planned and (first := self._made(itinerary, best, network)):
                 self._planned, best = True, None
                 yield first
         if best is not None or first is None:
-            yield None if best is None else self._made(itinerary, best, network)
+            first = None if best is None else self._made(itinerary, best, network)
+            yield first
+        for made in turning(first, partial(self._candidate, itinerary, last, network)):
+            self.iterations += made[1].candidate.iterations
+            yield made
 
     def _made(
         self, itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
     ) -> Made:
-        candidate = _candidate(itinerary, routes, network)
+        candidate = self._candidate(itinerary, routes, network)
         return checked(itinerary.problem, candidate, network)
+
+    def _candidate(
+        self,
+        itinerary: Itinerary,
+        routes: dict[int, Array],
+        network: TemporalNetwork,
+        turns: Collection[int] = (),
+        most: int = 0,
+    ) -> Candidate | None:
+        """The motion of a chain on the clock; ends of goals are met exactly; some drives turn."""
+        problem, inputs = itinerary.problem, _inputs(network.sequence, itinerary, routes)
+        q = problem.start.configuration
+        corrected, first, iterations = list[Motion](), 0, 0
+        for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
+            found = stage.along.begun_at(q) if stage.along is not None else None
+            if found is None:
+                motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
+                found = correct_end(motion, stage.goal) if stage.reaches else motion
+                if found is None:
+                    return None
+                own = [i - first for i in turns if first <= i < first + len(sequence)]
+                goal = stage.goal if stage.reaches else there(found.end)
+                found, count = turned(found, goal, own, most, partial(self._clear, stage))
+                iterations += count
+            corrected.append(found)
+            q, first = found.end, first + len(sequence)
+        ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
+        return timed(joined(corrected), network, problem, iterations, ends)
+
+    def _clear(self, stage: Placement, phase: int, q: Array) -> bool:
+        """True if the screws between configurations (m, 3 + n) of a drive are clear."""
+        proof = self._drives_of(stage, q[0, POSE:]).proof(q[0, :POSE], q[-1, :POSE])
+        return bool(proof(q[:-1, :POSE], q[1:, :POSE]).all())
 
     def _proved_impossible(self, whole: Whole) -> bool:
         """True if obstacles are proved to forbid a sequence, as far as is known or found now."""
@@ -216,28 +253,6 @@ def _width_m(robot: Robot, kappa: Array) -> float:
     return round(float(np.ptp(along, axis=0).min()), 2)
 
 
-def _candidate(
-    itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
-) -> Candidate | None:
-    """The motion of a chain on the clock; ends of goals are met exactly."""
-    problem, inputs = itinerary.problem, _inputs(network.sequence, itinerary, routes)
-    q = problem.start.configuration
-    corrected, first, known = list[Motion](), 0, dict[int, SpeedProfile]()
-    for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
-        if stage.along is not None:
-            motion, known[first] = stage.along.begun_at(q), stage.along.profile
-        else:
-            motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
-        found = correct_end(motion, stage.goal) if stage.reaches else motion
-        if found is None:
-            return None
-        corrected.append(found)
-        q, first = found.end, first + len(sequence)
-    ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
-    whole = joined(corrected)
-    return timed(whole, network, problem, 0, ends, fastest(whole, known))
-
-
 def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Array]) -> Array:
     """Input displacements of every phase, (phases, intervals, 5): a leg takes an interval."""
     legs = {phase: twists(route[:-1], route[1:]) for phase, route in routes.items()}
@@ -281,20 +296,3 @@ def _null_space(sequence: ModeSequence) -> Array:
                 if independent and not (incidence @ vector).any():
                     found.append(vector)
     return np.array(found).reshape(-1, len(sequence))
-
-
-def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
-    """Duration that each rigid phase may have without making the plan longer, alone; else 0 [s]."""
-
-    def finish(durations: Sequence[float]) -> float:
-        times = with_durations(network, durations).earliest
-        return math.inf if times is None else times[network.layout.finish]
-
-    count = len(network.sequence)
-    least = finish([0.0] * count)
-    found = [0.0] * count
-    for i, mode in enumerate(network.sequence):
-        if is_rigid(mode):
-            lasting = [_LONG_S if k == i else 0.0 for k in range(count)]
-            found[i] = _LONG_S - (finish(lasting) - least)
-    return found

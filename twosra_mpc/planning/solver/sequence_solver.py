@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, joined
-from twosra_mpc.planning.bounds.schedule import feasible_schedule
+from twosra_mpc.planning.bounds.schedule import feasible_schedule, hidden_by_phase_s
 from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.solver.fixed_sequence import (
@@ -34,7 +34,7 @@ from twosra_mpc.planning.solver.guess import (
     inner_bends,
     moved_inside,
 )
-from twosra_mpc.planning.solver.turning_drive import turning_drives
+from twosra_mpc.planning.solver.turning_drive import turned, turning_drives
 from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
@@ -48,6 +48,7 @@ from twosra_mpc.timing import TemporalNetwork
 _WIDE_PER_M = 1e-3  # around shapes that are chosen for several stages
 # In runs NLPs that might gain 3.4, 3.8 and 5.1 s took 0.3 to 0.7 s and gained 0.5, 0 and 0 s.
 _NLP_WORTH = 3.0
+_DRIVES = 4  # that turn, for the same ends: on either side, either way round
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +111,12 @@ class SequenceSolver:
         """Yield (cost, plan) of every attempt; None: it failed."""
         variant = self.variants[whole.variant]
         if len(whole.sequences) > 1:
-            candidate = stage_by_stage(variant, network, bound, whole)
-            yield self._checked(variant.problem, candidate, network)
+            make = partial(stage_by_stage, variant, network, bound, whole)
+            first = self._checked(variant.problem, make(), network)
+            yield first
+            for made in turning(first, make):
+                self.iterations += made[1].candidate.iterations
+                yield made
             return
         if whole.variant not in self._of_a_goal:
             self._of_a_goal[whole.variant] = GoalSolver(variant, self._checked, self._worth_s)
@@ -158,8 +163,10 @@ class GoalSolver:
             return
         drives = not any(map(any, network.sequence))  # all there is to do is to drive
         turned = None
-        for motion, profile, count in turning_drives(problem, guess) if drives else ():
-            candidate = timed(motion, network, problem, count, profiles=(profile,))
+        ends = guess.states[0, 0], guess.end
+        turning = turning_drives(problem.robot, problem.goal, *ends) if drives else ()
+        for motion, count in turning:
+            candidate = timed(motion, network, problem, count)
             self.iterations += count
             made = checked(self._asked, candidate, network)
             turned = made or turned
@@ -243,25 +250,64 @@ def trusted(
     return found.cost, found
 
 
+def turning(
+    first: tuple[float, Solved] | None, make: Callable[[Collection[int], int], Candidate | None]
+) -> Iterator[tuple[float, Solved]]:
+    """Yield plans whose drives turn on the way, if they gain the gap on one that was found.
+
+    Args:
+        first: Cost and plan.
+        make: Makes it anew with these of its drives turning, the quickest of so many.
+    """
+    if first is None:
+        return
+    (cost, found), hidden_s = first, hidden_by_phase_s(first[1].network)
+    motion, limits = found.candidate.motion, found.problem.robot.limits
+    far = np.abs(motion.states[:, -1] - motion.states[:, 0])
+    straight_s = np.hypot(*far[:, :2].T) / (limits.speed_m_s or math.inf)
+    least_s = np.maximum(straight_s, far[:, 2] / (limits.turn_rate_rad_s or math.inf))
+    lasts_s = np.array([profile.duration_s for profile in found.candidate.profiles])
+    longer_s = lasts_s - np.maximum(least_s, hidden_s)
+    free = np.array([*map(is_rigid, motion.sequence)]) & ~motion.lasting_s.any(axis=1)
+    drives, gained = np.flatnonzero(free & (longer_s > 0)), found.problem.gap * cost
+    for most in (1, _DRIVES) if longer_s[drives].sum() > gained else ():
+        made = (
+            None
+            if out_of_effort()
+            else checked(found.problem, make(drives.tolist(), most), found.network)
+        )
+        if made is not None and made[0] < cost - gained:
+            yield made
+
+
 def stage_by_stage(
-    variant: Variant, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+    variant: Variant,
+    network: TemporalNetwork,
+    bound: SequenceBound,
+    whole: Whole,
+    turns: Collection[int] = (),
+    most: int = 0,
 ) -> Candidate | None:
-    """One sequence of each stage, each of them as it is guessed alone.
+    """One sequence of each stage, each of them as it is guessed alone; some drives turn.
 
     A nonlinear program for each stage finds nothing better: what it could gain, waiting hides.
     """
     problem, goals = variant.problem, [stage.goal for stage in variant.members[0]]
     bends = stage_bends(problem, goals, whole.sequences, bound.bends)
     ends = shapes(problem, whole.sequences, bends)
-    q, motions = problem.start.configuration, list[Motion]()
+    q, motions, iterations = problem.start.configuration, list[Motion](), 0
     for goal, sequence, bend, shape in zip(goals, whole.sequences, bends, ends, strict=True):
         motion = _motion(problem, q, goal.shaped(shape, _WIDE_PER_M), sequence, bend)
         if motion is None:
             return None
+        first = sum(len(motion.sequence) for motion in motions)
+        own = [i - first for i in turns if first <= i < first + len(sequence)]
+        motion, count = turned(motion, goal, own, most, lambda *_: True)
+        iterations += count
         motions.append(motion)
         q = motion.end
     stage_ends = tuple(itertools.accumulate(len(motion.sequence) for motion in motions))
-    return timed(joined(motions), network, problem, 0, stage_ends)
+    return timed(joined(motions), network, problem, iterations, stage_ends)
 
 
 def _motion(
@@ -271,7 +317,8 @@ def _motion(
     x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
     start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
     alone = Alone(problem.robot, start, goal, problem.workspace)
-    usable = may_drive(alone, sequence)
+    rests = not bends.any() and goal.met_at(q)
+    usable = [False] * len(sequence) if rests else may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     if not levers_kept(alone.robot, sequence, made.states[:, :, POSE:]):
         detour = bends_around(alone, sequence, bends)

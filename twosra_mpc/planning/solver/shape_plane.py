@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.planning.bounds.detours import IMPOSSIBLE, UNCLEAR, Cells, joined
+from twosra_mpc.planning.bounds.detours import COARSE, IMPOSSIBLE, UNCLEAR, Cells, joined
 from twosra_mpc.problem.limits import levers_left, most_gaps_m, parts_moved_m
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, CERTAIN_END, CERTAIN_LEVER
 from twosra_mpc.robot.coordinates import Array
@@ -45,10 +45,13 @@ class _Plane(NamedTuple):
     lost: list[Bools]
 
 
-@per_body(2, bodies=1)
 def cells_of(body: Body, fineness: int) -> Cells:
-    """The plane of both W, cut so many times finer, and what bends cost there."""
-    edges, low, high, (overlaps, touches), lost = _plane(body, fineness)
+    """The plane of both W, cut so many times finer, and what bends cost there.
+
+    What is kept of a body is coarse: fine cells, of 100 MiB, go with the search that asks for them.
+    """
+    plane = _coarse(body) if fineness == COARSE else _plane(body, fineness)
+    edges, low, high, (overlaps, touches), lost = plane
     costs: dict[Mode, list[Array]] = {(1, 1): [_cost(overlaps, touches)] * 3}
     for j, (mode, (edge, _, ended, unclear)) in enumerate(zip(_ALONE, lost, strict=True)):
         up, down = low[..., j] > 0, high[..., j] < 0  # against its spring
@@ -70,7 +73,11 @@ def _around(truth: Bools) -> Bools:
     return np.asarray(windows.any(axis=(2, 3)))
 
 
-@per_body(2, bodies=1)
+@per_body(bodies=1)
+def _coarse(body: Body) -> _Plane:
+    return _plane(body, COARSE)
+
+
 def _plane(body: Body, fineness: int) -> _Plane:
     """Finer cells are asked about only where coarse ones do not tell, or beside others."""
     facts, most = bending(body), body.limits.curvature_per_m + BEYOND_PER_M
@@ -100,11 +107,11 @@ def _plane(body: Body, fineness: int) -> _Plane:
         return np.array([never, ended < -CERTAIN_LEVER, ended < -CERTAIN_END, in_middle < 0.0])
 
     asked: list[Asked] = [overlaps, partial(lost, 0), partial(lost, 1)]
-    if fineness == 1:
+    if fineness == COARSE:
         flat = low.reshape(-1, 2), high.reshape(-1, 2)
         found = [ask(*flat).reshape(-1, *low.shape[:2]) for ask in asked]
         return _Plane(edges, low, high, found[0], found[1:])
-    coarse, found = _plane(body, 1), []
+    coarse, found = _coarse(body), []
     known = [coarse.overlaps, *(each[[1, 1, 2, 3]] for each in coarse.lost)]  # of all in a cell
     for ask, of_cells in zip(asked, known, strict=True):
         finer = of_cells.repeat(fineness, axis=1).repeat(fineness, axis=2)

@@ -17,73 +17,144 @@ accelerations constant in an interval: limits hold at every instant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import lru_cache
+from itertools import islice
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from twosra_mpc.effort import Cost, out_of_effort
-from twosra_mpc.model.flow import Motion, drive
+from twosra_mpc.model.flow import Motion, drive, joined, roll_out
 from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
 from twosra_mpc.planning.solver.fixed_sequence import ALONE, SolveStatus, solve_status
 from twosra_mpc.planning.solver.multiple_shooting import Stopping, solver_of
-from twosra_mpc.plans.speed_profile import SpeedProfile, lasting
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.plans.speed_profile import fastest
+from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.speeds import drive_rows, rigid_rows
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
+from twosra_mpc.robot.description import Robot
 
 _INTERVALS = 24
 _ASIDE_RAD = (0.4, -0.4)  # of the headings half way, in starts: ahead may be a saddle
 _PARTS = 2.0  # of a ramp, or of a turn by 1 rad where there is none: intervals at the ends
 _LEAST = 1e-4  # share of the time at full speed that a drive takes at least
 _NEAR_M = 0.1
+_CORNER = 1e-9  # m or rad: intervals that differ by more are different legs
 _MAX_ITERATIONS = 100
 _POINTS, _WEIGHTS = (np.polynomial.legendre.leggauss(4) + np.array([[1.0], [0.0]])) / 2
 
 
-class TurningDrive(NamedTuple):
-    """A drive that was found.
+Clear = Callable[[int, Array], bool]
 
-    Attributes:
-        motion: Its one phase.
-        profile: How fast it is.
-        iterations: Of the program.
-    """
+
+class TurningDrive(NamedTuple):
+    """A drive that was found: its one phase, and the iterations of the program."""
 
     motion: Motion
-    profile: SpeedProfile
     iterations: int
 
 
-def turning_drives(problem: Problem, guess: Motion) -> Iterator[TurningDrive]:
-    """Yield drives to the goal, each the quickest next to where it starts.
+def turning_drives(robot: Robot, goal: GoalSet, begin: Array, end: Array) -> Iterator[TurningDrive]:
+    """Yield drives to a goal, each the quickest next to where it starts.
 
     Args:
-        problem: The problem.
-        guess: A drive, one rigid phase.
+        robot: The robot.
+        goal: What they end in.
+        begin: Configuration in which they begin, (3 + n,).
+        end: One in which they might end, (3 + n,).
     """
-    begin, end = guess.states[0, 0], guess.end.copy()
-    turn = float(end[2] - begin[2])
-    vertices, quickest_s = twist_vertices(rigid_rows(problem.robot, begin[POSE:])), math.inf
+    turn, end = float(end[2] - begin[2]), end.copy()
+    vertices, quickest_s = twist_vertices(rigid_rows(robot, begin[POSE:])), math.inf
     fastest = math.inf if vertices is None else float(vertices[:, 2].max())
     around = (turn, turn - math.copysign(math.tau, turn))
-    for turned in around if problem.goal.phi_modulo else around[:1]:
+    for turned in around if goal.phi_modulo else around[:1]:
         end[2] = begin[2] + turned
         for aside in _ASIDE_RAD:
             if abs(turned) > fastest * quickest_s:
                 return
-            if (found := _solved(problem, begin, end, aside)) is not None:
-                quickest_s = min(quickest_s, found.profile.duration_s)
+            if (found := _solved(robot, goal, begin, end, aside)) is not None:
+                quickest_s = min(quickest_s, float(found.motion.lasting_s.sum()))
                 yield found
             if out_of_effort():
                 return
 
 
-def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> TurningDrive | None:
+def turned(
+    motion: Motion, goal: GoalSet, phases: Collection[int], most: int, clear: Clear
+) -> tuple[Motion, int]:
+    """The motion of a stage with quicker drives that turn, and the iterations that took.
+
+    Where a whole drive is not clear of what is in the way, its halves are tried, and stops between
+    legs are left where they are.
+
+    Args:
+        motion: The motion; what follows a drive moves on from where that ends.
+        goal: What it ends in; drives end in any of it where nothing moves after them.
+        phases: Which drives.
+        most: Of how many that are found for the same ends the quickest is taken.
+        clear: (phase, configurations on the way) -> whether nothing is in the way.
+    """
+    robot, iterations, profiles = motion.robot, 0, fastest(motion)
+
+    def pieces(i: int, stops: list[int], begin: Array, ends: GoalSet | None) -> Iterator[Motion]:
+        nonlocal iterations
+        since, until = stops[0], stops[-1]
+        end, at_s = motion.states[i, until], np.interp([since, until], profile.x, profile.time_s)
+        quickest, least_s = None, float(np.diff(at_s)[0])
+        for found, count in islice(turning_drives(robot, ends or there(end), begin, end), most):
+            iterations += count
+            if (lasts_s := float(found.lasting_s.sum())) < least_s and clear(i, found.states[0]):
+                quickest, least_s = found, lasts_s
+        if quickest is not None:
+            yield quickest
+        elif len(stops) == 2:
+            yield roll_out(robot, begin, (robot.rigid,), motion.inputs[i : i + 1, since:until])
+        else:
+            middle = len(stops) // 2
+            first = list(pieces(i, stops[: middle + 1], begin, None))
+            yield from (*first, *pieces(i, stops[middle:], first[-1].end, ends))
+
+    for i in phases:
+        profile, used = profiles[i], motion.inputs[i]
+        corners = 1 + np.flatnonzero(np.abs(np.diff(used, axis=0)).max(axis=1) > _CORNER)
+        ends = None if motion.inputs[i + 1 :].any() else goal
+        found = [*pieces(i, [0, *corners.tolist(), len(used)], motion.states[i, 0], ends)]
+        states = [found[0].states[:, :1], *(each.states[:, 1:] for each in found)]
+        inputs = np.concatenate([each.inputs for each in found], axis=1)
+        changes = np.concatenate([each.changes for each in found], axis=1)
+        lasting_s = np.concatenate([each.lasting_s for each in found], axis=1)
+        nodes = np.concatenate(states, axis=1)
+        whole = Motion(robot, (robot.rigid,), inputs, nodes, changes, lasting_s)
+        motion = _replaced(motion, i, whole)
+    return motion, iterations
+
+
+def _replaced(motion: Motion, phase: int, by: Motion) -> Motion:
+    """The motion with another drive in a phase."""
+    parts = [by]
+    if phase:
+        told = motion.inputs, motion.states, motion.changes, motion.lasting_s
+        first = (each[:phase] for each in told)
+        parts.insert(0, Motion(motion.robot, motion.sequence[:phase], *first))
+    if after := motion.sequence[phase + 1 :]:
+        parts.append(roll_out(motion.robot, by.end, after, motion.inputs[phase + 1 :]))
+    return joined(parts)
+
+
+def there(q: Array) -> Goal:
+    """The goal of a configuration, at this heading."""
+    x_m, y_m, phi_rad, *kappa = q.tolist()
+    there = {"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad, "kappa_per_m": tuple(kappa)}
+    return Goal(**there, tolerance=Tolerance(kappa_per_m=(0.0,) * len(kappa)), phi_modulo=False)
+
+
+def _solved(
+    robot: Robot, goal: GoalSet, begin: Array, end: Array, aside: float
+) -> TurningDrive | None:
     """The drive that the program finds from a straight way with headings that go aside, or None."""
-    robot, n = problem.robot, _INTERVALS
+    n = _INTERVALS
     speeds, wheels = drive_rows(robot, begin[POSE:])
     far, most = (end - begin)[:POSE], robot.limits.wheel_acceleration_rad_s2
     swift_s = robot.limits.wheel_speed_rad_s / most if most else float(np.abs(speeds[:, 2]).max())
@@ -102,7 +173,7 @@ def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> Turning
     if most:
         nodes[[0, -1]] = low[[0, -1], :POSE] = high[[0, -1], :POSE] = 0.0
     low[0, POSE:] = high[0, POSE:] = begin[:POSE] - origin
-    box = problem.goal.box(end)
+    box = goal.box(end)
     low[-1, POSE:], high[-1, POSE:] = ((edge[:POSE] - origin) / unit for edge in box)
     solver, (equations, limits), _ = _program(len(speeds))
     with ALONE:
@@ -122,10 +193,9 @@ def _solved(problem: Problem, begin: Array, end: Array, aside: float) -> Turning
     w[:, 2:] = np.reshape(found, (n + 1, -1))[:, :POSE] * unit
     inputs, changes = d[:, None] * (w[1:] + w[:-1]) / 2, d[:, None] * np.diff(w, axis=0)
     states = np.vstack([begin, drive(begin, inputs[:, 2:], changes[:, 2:])])
-    motion = Motion(robot, (robot.rigid,), inputs[None], states[None], changes[None])
-    if not problem.goal.met_at(motion.end):
-        return None
-    return TurningDrive(motion, lasting(motion, 0, d * math.sqrt(g) * h_s), stats["iter_count"])
+    told = inputs[None], states[None], changes[None], (d * math.sqrt(g) * h_s)[None]
+    motion = Motion(robot, (robot.rigid,), *told)
+    return TurningDrive(motion, stats["iter_count"]) if goal.met_at(motion.end) else None
 
 
 def _lengths(first: float) -> Array:

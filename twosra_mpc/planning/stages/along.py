@@ -30,7 +30,7 @@ from twosra_mpc.model.bending import from_rest_to_rest
 from twosra_mpc.model.flow import Motion, drive
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
-from twosra_mpc.plans.speed_profile import SpeedProfile, lasting, squared_speeds
+from twosra_mpc.plans.speed_profile import squared_speeds
 from twosra_mpc.problem.polyline import Polyline
 from twosra_mpc.problem.speeds import drive_rows, rigid_rows
 from twosra_mpc.problem.tasks import Follow
@@ -46,15 +46,14 @@ _CHORDS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
 class Along(NamedTuple):
-    """A drive along a path.
-
-    Attributes:
-        motion: Its one phase.
-        profile: How fast it is.
-    """
+    """A drive along a path: its one phase."""
 
     motion: Motion
-    profile: SpeedProfile
+
+    @property
+    def lasts_s(self) -> float:
+        """How long it takes [s]."""
+        return float(self.motion.lasting_s.sum())
 
     @property
     def poses(self) -> Array:
@@ -103,7 +102,7 @@ def drives_along(robot: Robot, q: Array, task: Follow, in_b0: Array) -> list[Alo
         headings = [begin[2] + share * turned for share in _TURNED]
         headings = headings if np.ptp(turned) > _ALIKE_RAD else headings[:1]
     made = (_along(robot, q, line._replace(headings=each), task, in_b0) for each in headings)
-    return sorted(made, key=lambda drive: drive.profile.duration_s)
+    return sorted(made, key=lambda drive: drive.lasts_s)
 
 
 def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -> Along:
@@ -146,8 +145,8 @@ def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -
     inputs[:, 2:] = time_s[:, None] * (twist[1:] + twist[:-1]) / 2
     changes[:, 2:] = time_s[:, None] * np.diff(twist, axis=0)
     states = np.vstack([q, drive(q, inputs[:, 2:], changes[:, 2:])])
-    motion = Motion(robot, (robot.rigid,), inputs[None], states[None], changes[None])
-    return Along(motion, lasting(motion, 0, time_s))
+    alone = (each[None] for each in (inputs, states, changes, time_s))
+    return Along(Motion(robot, (robot.rigid,), *alone))
 
 
 def _spline(control: Array, pieces: int) -> tuple[Array, Array]:

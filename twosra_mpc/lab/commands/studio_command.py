@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc import plotting
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Output, digits, print_table
 
@@ -33,7 +32,7 @@ def studio_command(
     On a port of your choice, for a browser that is open already:
       twosra studio pick-and-place --port 8765 --no-browser
     """
-    from twosra_mpc.studio.server import Server  # the planner takes a second
+    from twosra_mpc.lab.studio.server import Server  # the planner takes a second
 
     server = Server(load(scenario), port, scenario)
     output.report(lambda: {"address": server.address}, lambda: click.echo(server.address))
@@ -60,7 +59,7 @@ def map_command(
     Which sequence is best for which shape?
       twosra map paper-1 --over kappa1,kappa2 --plot map.png
     """
-    from twosra_mpc.analysis.goal_map import WORK, goal_map
+    from twosra_mpc.lab.studio.goal_map import WORK, goal_map
 
     names, problem = [name.strip() for name in over.split(",")], load(scenario)
     work = problem.work_limit if "work_limit" in problem.model_fields_set else WORK
@@ -70,7 +69,9 @@ def map_command(
             cells.append(cell)
             tell(f"mapping: {len(cells)} of {size**2} points")
     if plot is not None:
-        plotting.plot_map(cells, (names[0], names[1]), plot)
+        from twosra_mpc.lab.figures import plot_map  # matplotlib takes a second
+
+        plot_map(cells, (names[0], names[1]), plot)
     rows = []
     missing, spans = {"failed": "no plan within the limits"}, dict[str, list[float]]()
     for cell in cells:

@@ -21,6 +21,7 @@ from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.world_figures import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import mode_name, soft_segments
 
 ARC_POINTS = 16  # of an arc: chords miss it by less than a pixel
@@ -51,14 +52,12 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     Raises:
         NoPlanError: If there is no plan.
     """
-    times, q = playback.time_s, playback.q
-    new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
-    kept = [True, *new]
-    shapes = robot_shape(playback.problem.robot.geometry, q[kept], ARC_POINTS)
-    robots = [pose(RobotShape(*parts)) for parts in zip(*vars(shapes).values(), strict=True)]
+    times = playback.time_s
+    shown = _poses(playback.problem.robot.geometry, playback.q)
     if playback.problem.objects:
-        placed = zip(robots, q[kept], playback.objects[kept], strict=True)
-        robots = [each | objects_at(playback, at, poses) for each, at, poses in placed]
+        rows = np.unique(shown["pose"], return_index=True)[1]
+        placed = zip(shown["poses"], playback.q[rows], playback.objects[rows], strict=True)
+        shown["poses"] = [each | objects_at(playback, *where) for each, *where in placed]
     length_s = min(_LONGEST_S, _REST_S + _PHASE_S * len(plan.phases))
     if not plan.transitions:  # nothing is waited for: the true time
         length_s = float(np.clip(plan.moving_s, _SHORTEST_S, _LONGEST_S))
@@ -66,8 +65,7 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     return {
         "length_s": length_s,
         "time_s": np.round(times, 6).tolist(),
-        "pose": [0, *np.cumsum(new).tolist()],
-        "poses": robots,
+        **shown,
         "state": [playback.states(row) for row in range(PLACES)],
         "temperature_C": np.round(playback.temperature_C, 2).tolist(),
         "melt_fraction": np.round(playback.melt_fraction, 4).tolist(),
@@ -79,10 +77,14 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
 
 def ghost_of(plan: Plan, time_s: Sequence[float]) -> dict[str, Any]:
     """Another plan at the times of a film: poses, and which of them each frame shows."""
-    times = np.minimum(time_s, plan.duration_s)
-    q = plan.trajectory.configuration(times)
+    q = plan.trajectory.configuration(np.minimum(time_s, plan.duration_s))
+    return _poses(plan.robot.geometry, q)
+
+
+def _poses(geometry: Geometry, q: Array) -> dict[str, Any]:
+    """Poses of the robot at configurations (rows, 3 + n), and which of them each row shows."""
     new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
-    shapes = robot_shape(plan.robot.geometry, q[[True, *new]], ARC_POINTS)
+    shapes = robot_shape(geometry, q[[True, *new]], ARC_POINTS)
     robots = [pose(RobotShape(*parts)) for parts in zip(*vars(shapes).values(), strict=True)]
     return {"pose": [0, *np.cumsum(new).tolist()], "poses": robots}
 
@@ -334,8 +336,8 @@ def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
 
 def _tasks(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
     for number, stage in enumerate(stretches(plan.trajectory), start=1):
-        title = f"{number}: {stage.words}, {_during(stage.from_s, stage.to_s)}"
-        span = _span(stretch, stage.from_s, stage.to_s, "done", f"{number} {stage.words}", title)
+        words = f"{number} {stage.words}", f"{number}: {stage.words}"
+        span = _span(stretch, stage.from_s, stage.to_s, "done", *words)
         fits = len(span.label) + 1 < span.width  # else the number alone
         yield span if fits else span._replace(label=str(number))
 
@@ -344,16 +346,14 @@ def _motion(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
     for phase in plan.phases:
         soft = [f"segment {j + 1}" for j in soft_segments(phase.mode)]
         what = f"bending {' and '.join(soft)}" if soft else "driving rigidly"
-        title = f"{mode_name(phase.mode)} {what}, {_during(phase.start_s, phase.end_s)}"
-        look = "bending" if soft else "driving"
-        yield _span(stretch, phase.start_s, phase.end_s, look, mode_name(phase.mode), title)
+        look, mode = "bending" if soft else "driving", mode_name(phase.mode)
+        yield _span(stretch, phase.start_s, phase.end_s, look, mode, f"{mode} {what}")
 
 
 def _stiffness(intervals: Sequence[Interval], segment: int, stretch: TimeStretch) -> Iterator[Span]:
     for low, high, state in intervals:
         if high > low:
-            title = f"segment {segment} {state}, {_during(low, high)}"
-            yield _span(stretch, low, high, state, state, title)
+            yield _span(stretch, low, high, state, state, f"segment {segment} {state}")
 
 
 def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Span]:
@@ -363,19 +363,16 @@ def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Sp
     for first, last in pairwise(changes):
         if current[first] > 0 and first < last:
             low, high = float(samples.t_s[first]), float(samples.t_s[last])
-            title = f"heater {segment} at {current[first]:z.3g} A, {_during(low, high)}"
-            label = f"{current[first]:z.2g} A"
-            span = _span(stretch, low, high, "heating", label, title)
+            what = f"heater {segment} at {current[first]:z.3g} A"
+            span = _span(stretch, low, high, "heating", f"{current[first]:z.2g} A", what)
             yield span._replace(level=round(float(current[first]) / most, 3))
 
 
-def _span(stretch: TimeStretch, low: float, high: float, look: str, label: str, title: str) -> Span:
+def _span(stretch: TimeStretch, low: float, high: float, look: str, label: str, what: str) -> Span:
+    """Part of a lane from one time to another, whose title says what is done and when."""
     left, right = (100 * stretch.forward(np.array([low, high]))).tolist()
+    title = f"{what}, {low:z.2f} s to {high:z.2f} s"
     return Span(round(left, 3), round(right - left, 3), look, label, title)
-
-
-def _during(low: float, high: float) -> str:
-    return f"{low:z.2f} s to {high:z.2f} s"
 
 
 def ticks(stretch: TimeStretch) -> list[Tick]:

@@ -28,6 +28,7 @@ from twosra_mpc.arguments import public
 from twosra_mpc.files import data_file, ending_of, environment, write_text
 from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
+from twosra_mpc.lab.report import player
 from twosra_mpc.plans.plan import Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
@@ -36,7 +37,6 @@ from twosra_mpc.problem.limits import LIMITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
-from twosra_mpc.report import player
 from twosra_mpc.robot.modes import mode_name, sequence_name
 from twosra_mpc.timing import transition_model
 
@@ -78,11 +78,11 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
         origin: The file the plan was read from, if any.
     """
     plan = result.plan
-    templates = environment("report")
+    templates = environment("lab/report")
     templates.filters |= {"mode": mode_name, "described": describe, "percent": percent}
     templates.filters["seconds"] = _seconds
-    style = data_file("report/page.css")
-    script = data_file("report/player.js") + data_file("report/page.js")
+    style = data_file("lab/report/page.css")
+    script = data_file("lab/report/player.js") + data_file("lab/report/page.js")
     return templates.get_template("page.html").render(
         policy=policy(style, script),
         style=style,
@@ -111,7 +111,7 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
 
 def drawn(part: str, motion: dict[str, Any]) -> str:
     """Draw a part of the page: ``plane.html``, ``readings.html`` or ``timeline.html``."""
-    return environment("report").get_template(part).render(motion=motion)
+    return environment("lab/report").get_template(part).render(motion=motion)
 
 
 def policy(style: str, script: str) -> str:
@@ -150,7 +150,7 @@ _LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numb
 
 def bound_sentences(result: Result) -> list[str]:
     """Say what is proved about all other plans, and about which; nothing without a bound."""
-    problem, templates = result.problem, environment("report")
+    problem, templates = result.problem, environment("lab/report")
     if result.lower_bound is None:
         return []
     templates.filters["mode"] = mode_name

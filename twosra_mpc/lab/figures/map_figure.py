@@ -10,9 +10,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from twosra_mpc.analysis.goal_map import Cell
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
+from twosra_mpc.lab.studio.goal_map import Cell
 from twosra_mpc.plotting import figures
 
 # Paul Tol's bright colours, which the colour-blind can tell apart.

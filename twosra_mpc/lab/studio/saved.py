@@ -1,19 +1,19 @@
-"""What a page saves: the problem as a scenario or as Python, its plan, set-points or a report."""
+"""Files that a page saves: scenario, Python program, plan, set-points or report of a problem."""
 
 from __future__ import annotations
 
 import json
 from typing import Any, Literal
 
+from twosra_mpc.lab.report.page import report_page, scenario_toml
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.setpoints import setpoints_csv
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.report.page import report_page, scenario_toml
 from twosra_mpc.validation import Value
 
 
 class Saved(Value):
-    """What a page wants to save: a problem as scenario document, and what of it."""
+    """Request to save a problem, a scenario document, in one of the forms."""
 
     problem: dict[str, Any]
     form: Literal["toml", "json", "html", "csv", "py"]

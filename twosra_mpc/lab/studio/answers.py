@@ -18,6 +18,8 @@ from twosra_mpc.analysis.explanation import reasons
 from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes, built_in_names
+from twosra_mpc.lab.report import player
+from twosra_mpc.lab.report.page import drawn
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
 from twosra_mpc.planning.planner import plan
@@ -25,8 +27,6 @@ from twosra_mpc.plans.plan import Plan, relative_gap
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting.world_figures import outlines_m
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.report import player
-from twosra_mpc.report.page import drawn
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import load_robot, with_path_model
 from twosra_mpc.robot.modes import sequence_name
@@ -56,7 +56,7 @@ class Pull(Value):
 
 
 class Ask(Value):
-    """What a page asks: a problem as scenario document, and what it wants to see.
+    """Request of a page: a problem as scenario document, and the views it wants.
 
     ``pull`` bends the problem first, ``path_model`` gives its robot another one. ``box_mm`` is the
     part of the plane that is drawn, corner and size, y down; without it all of the problem. With
@@ -177,7 +177,7 @@ def _planned(
 
 
 def told(result: Result, *, complete: bool) -> Record:
-    """What planning came to, as the page tells it."""
+    """Result of planning, as the page shows it."""
     made, found = result.plan, result.found
     record = {
         "kind": "result",

@@ -18,19 +18,19 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from twosra_mpc.analysis.goal_map import goal_coordinates, goal_map
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError, TwosraError, printable
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import ALL_PLANTS
 from twosra_mpc.files import built_in_names, data_file, environment, plain_data
 from twosra_mpc.installation import require
+from twosra_mpc.lab.report.page import policy
+from twosra_mpc.lab.studio.answers import Ask, GivenUp, answers, document, scene
+from twosra_mpc.lab.studio.goal_map import goal_coordinates, goal_map
+from twosra_mpc.lab.studio.live import LiveRun, Push, Run
+from twosra_mpc.lab.studio.saved import Saved, saved
 from twosra_mpc.problem.problem import Problem, load_problem
-from twosra_mpc.report.page import policy
 from twosra_mpc.robot.paths import PATH_MODELS
-from twosra_mpc.studio.answers import Ask, GivenUp, answers, document, scene
-from twosra_mpc.studio.live import LiveRun, Push, Run
-from twosra_mpc.studio.saved import Saved, saved
 from twosra_mpc.validation import Several, Value
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ Work = Callable[[GivenUp], Iterator[Record]]
 
 
 class MapAsked(Value):
-    """What a page asks of a map: a problem as scenario document, and two coordinates."""
+    """Request of a map: a problem as scenario document, and two coordinates of its goal."""
 
     problem: dict[str, Any]
     over: Several[str]
@@ -125,7 +125,7 @@ class Server:
     # Who may ask.
 
     def _refusal(self, request: Request, token: str | None) -> str | None:
-        """Why a request is not answered; None if it is."""
+        """Reason for refusing a request; None if it is answered."""
         hosts = {f"{host}:{self._port}" for host in _HOSTS}
         if request.headers.get("host") not in hosts:
             return "this server answers this computer only"
@@ -166,8 +166,8 @@ class Server:
 
         if (why := self._refusal(request, request.query_params.get("token"))) is not None:
             return PlainTextResponse(why, 403)
-        style = data_file("report/page.css") + data_file("studio/studio.css")
-        script = data_file("report/player.js") + data_file("studio/studio.js")
+        style = data_file("lab/report/page.css") + data_file("lab/studio/studio.css")
+        script = data_file("lab/report/player.js") + data_file("lab/studio/studio.js")
         known = {
             "token": self._token,
             "name": self._name,
@@ -179,7 +179,7 @@ class Server:
             "levels": list(LEVELS),
         }
         only = f"{policy(style, script)}; connect-src 'self'"
-        page = environment("studio").get_template("studio.html")
+        page = environment("lab/studio").get_template("studio.html")
         text = page.render(style=style, script=script, policy=only, known=known)
         return HTMLResponse(text, headers={"Cache-Control": "no-store"})
 
@@ -289,7 +289,7 @@ def _closed(records: Any) -> None:
 
 
 def _told(error: Exception) -> Record:
-    """What went wrong, in words."""
+    """Error in words, with the field that is wrong."""
     if isinstance(error, InputError):
         return {**_refused(str(error)), "field": error.field}
     if isinstance(error, TwosraError | ValueError | RecursionError | OSError):
