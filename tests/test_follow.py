@@ -12,6 +12,9 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc import Follow, InputError, Problem, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.execution.run import Ending
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.planning.stages.along import drives_along, least_time_s, part_in_b0
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import Array, composed
@@ -122,3 +125,24 @@ def test_files_hold_the_same_path(tmp_path: Path) -> None:
     svg.write_text('<svg><path d="M0 0 h300 M500 0 h10"/></svg>')
     with pytest.raises(InputError, match="without a jump"):
         Follow(path=str(svg))  # type: ignore[arg-type]
+
+
+def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wait, pushed = SimulatedRobot.wait, list[float]()
+
+    def pushing(robot: SimulatedRobot, at_most_s: float) -> None:
+        wait(robot, at_most_s)
+        if robot.time_s > 12.0 and not pushed:
+            pushed.append(robot.time_s)
+            robot.push(np.array([0.08, 0.08, 0.1]))
+
+    monkeypatch.setattr(SimulatedRobot, "wait", pushing)
+    problem = load_problem("follow-bezier")
+    run = simulate(problem, plan=plan(problem).require()).run
+    assert run.ending is Ending.REACHED
+    *_, task = run.plans[-1].problem.tasks
+    assert isinstance(task, Follow)
+    assert task.from_m > 0.3
+    assert task.left.length_m[-1] == pytest.approx(task.line.length_m[-1] - task.from_m)

@@ -267,10 +267,10 @@ def _search(
     """Stages, their variants, their tree and its bounds, the solver: a result."""
     started, (variants, refused) = time.perf_counter(), ways_of(problem)
     if not variants:
-        why = "; ".join(dict.fromkeys(refused)) or "no direction that may be used is left"
+        why = "; ".join(refused) or "no direction that may be used is left"
+        status = Status.INFEASIBLE if all(refused.values()) else Status.FAILED
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-        how = "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED
-        return Result(problem, *how, stats, None)
+        return Result(problem, "optimal", status, why, None, Ending.EXHAUSTED, stats, None)
     if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None and confirm is None  # which guesses may leave

@@ -372,6 +372,10 @@ class Follow(Task):
             raise InputError("from_m", self.from_m, f"less than {self.line.length_m[-1]:zg} m")
         return self
 
+    def said(self, number: int) -> str:
+        """Task in words."""
+        return f"follow {self.name or f'path {number}'}"
+
     @property
     def line(self) -> Polyline:
         """All of its path, with the headings that are asked for."""

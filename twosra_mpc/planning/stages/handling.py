@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
@@ -33,9 +34,12 @@ _ALIKE = 6  # decimals of m and 1/m
 
 
 class Handling:
-    """Ways to do stages that end at an object or obstacle; ``refused`` says why there are none."""
+    """Ways to do stages that end at an object or obstacle, or lead along a path.
 
-    def __init__(self, problem: Problem, refused: list[str]) -> None:
+    ``refused`` says why there are none, and whether that is proved.
+    """
+
+    def __init__(self, problem: Problem, refused: dict[str, bool]) -> None:
         self.problem, self.refused = problem, refused
         self._known: dict[object, tuple[Touch, ...]] = {}
 
@@ -167,7 +171,7 @@ class Handling:
                 if known[alike]:
                     touches.append(each)
         if not touches:
-            self.refused.append(_no_grasp(task, found))
+            self.refused[_no_grasp(task, found)] = True
         self._known[key] = tuple(_a_few(touches))
         return self._known[key]
 
@@ -200,19 +204,46 @@ class Handling:
             in_b0 = hold.pose_in_b0 * [1, 1, self.problem.objects[hold.number].disc is None]
         refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
         if all(refused):
-            self.refused.append(f"{task.said(len(at.placements) + 1)}: {refused[0]}")
+            self.refused[f"{task.said(len(at.placements) + 1)}: {refused[0]}"] = True
         least_s = least_time_s(robot, kappa, task, in_b0)
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
+        met, clear = dict[float, str](), False
         for begin, why in zip(begins, refused, strict=True):
             q = np.concatenate([begin, kappa])
             for along in drives_along(robot, q, task, in_b0) if why is None else ():
                 if may is not None and not may(along.twists).all():
                     continue
+                share, name = self._met(along.motion.states[0])
+                if name is not None:
+                    met[share] = name
+                    continue
+                clear = True
                 end, before = along.motion.end[None, :POSE], at.placements
                 own = replace(made, ends=end, held=held, may=may, along=along)
                 if before:
                     before = (*before[:-1], replace(before[-1], ends=begin[None]))
                 yield at._replace(placements=before).after(own)
+        if met and not clear:
+            where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
+            said = task.said(len(at.placements) + 1)
+            self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
+
+    def _blocked(self, task: Follow) -> bool:
+        """True if an obstacle covers some of a path, and all that is within its tolerance."""
+        middle: Any = shapely.points(task.left.points)
+        around = (Contour.of(item).distances(middle) for item in self.problem.obstacles)
+        return any((apart_m < -task.position_tolerance_m).any() for apart_m in around)
+
+    def _met(self, q: Array) -> tuple[float, str | None]:
+        """Share of a drive (m, 3 + n) that is free of obstacles, and what it meets then, if any."""
+        geometry, share, name = self.problem.robot.geometry, 1.0, None
+        own = [parts(geometry, q, j) for j in (None, *range(geometry.segments))]
+        for item in self.problem.obstacles:
+            contour = Contour.of(item)
+            overlap = np.any([np.minimum(*apart_m(geometry, contour, each)) < 0 for each in own], 0)
+            if overlap.any() and (until := float(overlap.argmax()) / len(q)) < share:
+                share, name = until, item.name or "an obstacle"
+        return share, name
 
     def _known_ends(self, at: State) -> tuple[Array, Array]:
         """Poses of b0 (m, 3) in which what was done so far may end, and the shape (n,)."""
@@ -256,7 +287,7 @@ class Handling:
             thing, pose = world.obstacles[world.names.index(task.object)], np.zeros(POSE)
         found = conform_touches(self.problem.robot, thing, task.segments, task.gap_m)
         if not found.touches:
-            self.refused.append(f"nothing conforms to {task.object}: {'; '.join(found.refused)}")
+            self.refused[f"nothing conforms to {task.object}: {'; '.join(found.refused)}"] = True
         for touch in _a_few(found.touches):
             ends = placed(touch, pose, thing, task.directions_rad)
             if not len(ends.poses):

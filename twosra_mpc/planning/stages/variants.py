@@ -216,11 +216,11 @@ class Ways(NamedTuple):
 
     Attributes:
         variants: Every variant, the shortest one first.
-        refused: Why there are none, or no more.
+        refused: Why there are none, or no more, and whether that is proved.
     """
 
     variants: tuple[Variant, ...]
-    refused: tuple[str, ...]
+    refused: dict[str, bool]
 
 
 @remembered(8)  # the same each time a problem is planned, e.g. without one sequence or another
@@ -230,7 +230,7 @@ def ways_of(problem: Problem) -> Ways:
     Raises:
         OutOfEffortError: If the effort is over first, as no bound holds for some of them.
     """
-    found, refused, held = list[Variant](), list[str](), problem.start.holding
+    found, refused, held = list[Variant](), dict[str, bool](), problem.start.holding
     handling = cache(partial(_handling, problem, refused))
     poses = tuple(item.pose.pose for item in problem.objects)
     begin = State((), poses, None if held is None else handling().at_start())
@@ -250,10 +250,10 @@ def ways_of(problem: Problem) -> Ways:
             members.sort(key=partial(_length_m, problem))
             found.append(Variant(own, tuple(members)))
     found.sort(key=lambda variant: _length_m(problem, variant.members[0]))
-    return Ways(tuple(found), tuple(refused))
+    return Ways(tuple(found), refused)
 
 
-def _handling(problem: Problem, refused: list[str]) -> Handling:
+def _handling(problem: Problem, refused: dict[str, bool]) -> Handling:
     from twosra_mpc.planning.stages.handling import Handling  # loads GEOS
 
     return Handling(problem, refused)
