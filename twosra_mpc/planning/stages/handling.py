@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import shapely
 
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
@@ -230,9 +229,8 @@ class Handling:
 
     def _blocked(self, task: Follow) -> bool:
         """True if an obstacle covers some of a path, and all that is within its tolerance."""
-        middle: Any = shapely.points(task.left.points)
-        around = (Contour.of(item).distances(middle) for item in self.problem.obstacles)
-        return any((apart_m < -task.position_tolerance_m).any() for apart_m in around)
+        around = (Contour.of(item).off_m(task.left.points) for item in self.problem.obstacles)
+        return any((off_m < -task.position_tolerance_m).any() for off_m in around)
 
     def _met(self, q: Array) -> tuple[float, str | None]:
         """Share of a drive (m, 3 + n) that is free of obstacles, and what it meets then, if any."""
