@@ -36,6 +36,7 @@ from twosra_mpc.problem.problem import load_problem as load_problem
 from twosra_mpc.problem.problem import scenario_names as scenario_names
 from twosra_mpc.problem.tasks import Carry as Carry
 from twosra_mpc.problem.tasks import Conform as Conform
+from twosra_mpc.problem.tasks import Follow as Follow
 from twosra_mpc.problem.tasks import Grasp as Grasp
 from twosra_mpc.problem.tasks import Pass as Pass
 from twosra_mpc.problem.tasks import Reach as Reach

@@ -101,10 +101,14 @@ def _scenario() -> Schema:
     properties["goal"] = {"anyOf": [kind, {"type": "null"}]}
     schema["anyOf"] = [{"required": ["goal"]}, {"required": ["tasks"]}]
     definitions["Object"]["properties"]["outline"] = {"type": "string"}
+    pair = _list({"type": "number"}, 2, 2)
+    bezier = _table([{"type": "array", "items": pair, "minItems": 4}], ("bezier",))
     definitions["Reach"] = _reach(definitions["Reach"], goal)
     for kind in definitions["Task"]["oneOf"]:
         if "$ref" not in kind:
             kind["required"] = ["do", *kind.get("required", [])]
+        if "path" in (own := kind.get("properties", {})):
+            own["path"] = {"anyOf": [{"type": "string"}, bezier, own["path"]]}
     return {**schema, "definitions": {**definitions, "Goal": goal, "Robot": robot}}
 
 

@@ -16,7 +16,7 @@ from twosra_mpc.checking.body import outermost_m
 from twosra_mpc.checking.fibre import between
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Conform, Grasp, orders
+from twosra_mpc.problem.tasks import Conform, Follow, Grasp, orders
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE, OVERLAP_M, TOUCHING_M
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE
@@ -112,13 +112,16 @@ class Legs:
                 there = Place(task.x_m, task.y_m, task.position_tolerance_m + _SLACK_M)
                 self._driven = self._where[task.object].apart_m(there) > 0
                 self._where[task.object], self._at = there, there.wider(self._held_m)
+            elif stage.follows is not None:
+                shape, self._driven = self._shape, True
+                self._follow(stage.follows)
             elif stage.goal is not None:
                 shape = self._reach(stage.goal, stage.holds)
             elif stage.along is not None:
                 segments = (j - 1 for j in stage.along.segments)
                 self._also(frozenset(j for j in segments if self._is_flat(j, stage.along)))
             if final or (stage.through is None and stage.releases is None):
-                known = stage.grasps or stage.carries or stage.goal
+                known = stage.grasps or stage.carries or stage.follows or stage.goal
                 self._at = self._at if known is not None else ANYWHERE
                 yield self._leg(stage.last, shape)
 
@@ -145,6 +148,14 @@ class Legs:
             self._modes = list(modes)
         self._melts = self._any if far_m > 0 else self._melts
         self._at, self._driven = there, False
+
+    def _follow(self, task: Follow) -> None:
+        """Where what follows is at the end of its path, and b0, which is not far."""
+        x, y = task.left.points[-1].tolist()
+        there = Place(x, y, task.position_tolerance_m + _SLACK_M)
+        self._at = there.wider(self._held_m if task.object else outermost_m(self._problem.robot))
+        if task.object is not None:
+            self._where[task.object] = there
 
     def _reach(self, goal: GoalSet, held: str | None) -> tuple[arb, ...]:
         """Segments whose curvatures must change melt."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.checking.followed import followed, follower, tube_problems
 from twosra_mpc.checking.heat import course
 from twosra_mpc.checking.sweep import Clearance, Sweep, least, stages, stiffness, swept
 from twosra_mpc.model.outline import robot_shape
@@ -17,7 +18,7 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE, workspace_margins
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release, Stage
+from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Pass, Release, Stage
 from twosra_mpc.problem.tolerances import (
     GOAL_TOLERANCE,
     OVERLAP_M,
@@ -64,7 +65,8 @@ def examine_around(trajectory: Trajectory, reached: Array) -> Around:
     in_the_way = bool(problem.obstacles or problem.objects)
     sweep: Sweep | None = Sweep(trajectory.samples.t_s, reached, np.full(len(reached), np.inf))
     fine = in_the_way or problem.workspace is not None
-    if fine or not all(task.rests for task in problem.tasks):  # else samples are enough
+    fine |= any(stage.through or stage.follows for stage in problem.stages)
+    if fine:  # else samples are enough
         sweep = swept(problem, trajectory.samples)
     if sweep is None or not np.isfinite(sweep.q).all():  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
@@ -286,7 +288,8 @@ def _not_done(stage: Stage, at: Done) -> Iterator[str]:
         yield f"the segments are not {mode_name(stage.last)}"
     asked: tuple[tuple[Any, Callable[[Any, Done], Iterator[str]]], ...] = (
         *((stage.through, _passed), (stage.goal, _reached), (stage.along, _conformed)),
-        *((stage.grasps, _grasped), (stage.carries, _carried), (stage.releases, _released)),
+        *((stage.grasps, _grasped), (stage.carries, _carried), (stage.follows, _followed)),
+        (stage.releases, _released),
     )
     for what, shortcomings in asked:
         if what is not None:
@@ -352,6 +355,13 @@ def _carried(task: Carry, at: Done) -> Iterator[str]:
     turned = abs(math.remainder(phi - task.phi_rad, math.tau))
     if turned > task.heading_tolerance_rad + GOAL_TOLERANCE:
         yield f"{task.object} is turned by {turned:z.3g} rad from where it should be"
+
+
+def _followed(task: Follow, at: Done) -> Iterator[str]:
+    """What follows the path stays in the tube around it, to its end."""
+    first, last = at.sweep.over(at.since_s, at.at_s)
+    t_s, q = at.sweep.t_s[first : last + 1], at.sweep.q[first : last + 1]
+    yield from tube_problems(task, followed(task, t_s, follower(at.trajectory, task, t_s, q)))
 
 
 def _released(task: Release, at: Done) -> Iterator[str]:

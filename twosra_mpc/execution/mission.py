@@ -15,18 +15,31 @@ import numpy as np
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
+from twosra_mpc.planning.stages.along import begins_well, part_in_b0
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
-from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.goals import Goal, GoalSet
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Grasp, Pass, Release, Task, carries, grasps, passes
+from twosra_mpc.problem.tasks import (
+    Carry,
+    Follow,
+    Grasp,
+    Pass,
+    Reach,
+    Release,
+    Task,
+    carries,
+    grasps,
+    passes,
+)
 from twosra_mpc.problem.world import ACCURACY, Object
-from twosra_mpc.robot.coordinates import POSE, Array, composed, rotation, wrapped
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation, wrapped
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
 _SURELY = 3.0  # standard deviations within which an object is where it is seen
+_AHEAD = 4.0  # times a path's tolerance, that progress may gain from one reading to the next
 _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
@@ -173,10 +186,33 @@ class Mission:
         ]
         start = problem.start.with_values(holding=holding)
         tasks = self.left
+        if tasks and (path := tasks[0].stage(problem.modes).follows) is not None:
+            tasks = (*self._resumed(path), *tasks[1:])
         aimed = {i: self._aimed(task) for i, task in carries(tasks).items()}
         left = [aimed.get(i, task) for i, task in enumerate(tasks)]
         self._asked |= dict(zip(left, tasks, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
+
+    def _resumed(self, task: Follow) -> tuple[Task, ...]:
+        """What is left of a path that is followed in part, and before it the way back to it."""
+        robot, q = self.problem.robot, np.array(self._path)
+        hold = None if task.object is None else self._hold
+        in_b0 = part_in_b0(robot, q[-1, POSE:], task.part) if hold is None else hold.pose_in_b0
+        at = composed(q[:, :POSE], in_b0)
+        gone_m = task.left.along(at[:, :2], _AHEAD * task.position_tolerance_m)[-1]
+        last_m = task.line.length_m[-1] - task.position_tolerance_m
+        left = task.with_values(from_m=float(max(min(task.from_m + gone_m, last_m), task.from_m)))
+        if begins_well(left, at[-1]) is None:
+            return (left,)
+        x_m, y_m = left.left.points[0].tolist()
+        heading = float(left.left.headings[0])
+        phi_rad = None if math.isnan(heading) else heading
+        if task.object is not None:
+            return Carry(object=task.object, x_m=x_m, y_m=y_m, phi_rad=phi_rad), left
+        phi_rad = float(at[-1, 2]) if phi_rad is None else phi_rad
+        b0 = composed(np.array([x_m, y_m, phi_rad]), inverse(in_b0))
+        there = dict(zip(("x_m", "y_m", "phi_rad"), b0.tolist(), strict=True))
+        return Reach(goal=Goal(**there, kappa_per_m=tuple(q[-1, POSE:].tolist()))), left
 
     def poses(self) -> Array:
         """Poses of the objects, as far as is known, (objects, 3)."""

@@ -267,17 +267,17 @@ def _search(
     """Stages, their variants, their tree and its bounds, the solver: a result."""
     started, (variants, refused) = time.perf_counter(), ways_of(problem)
     if not variants:
-        why = "; ".join(dict.fromkeys(refused)) or "no direction that may be used is left"
+        why = "; ".join(refused) or "no direction that may be used is left"
+        status = Status.INFEASIBLE if all(refused.values()) else Status.FAILED
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-        how = "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED
-        return Result(problem, *how, stats, None)
+        return Result(problem, "optimal", status, why, None, Ending.EXHAUSTED, stats, None)
     if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None and confirm is None  # which guesses may leave
     solver: SequenceSolver | Placer = SequenceSolver(
         variants, checked if inside else trusted, worth_s
     )
-    passes = any(stage.through for stage in problem.stages)
+    passes = any(stage.through or stage.follows for stage in problem.stages)
     if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 

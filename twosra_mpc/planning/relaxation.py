@@ -145,7 +145,7 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
                     far_m / speed_m_s if since == 1 else 0.0,
                     partial(rigid_time, alone) if alone else None,
                 ),
-                least_s=asked.least_s,
+                least_s=min(each.stage.least_s for each in same),
                 reshapes=first.reshapes,
             )
         )

@@ -231,7 +231,7 @@ def _profile(
     limits, path = motion.robot.limits, part.path
     spare = 0.0 if is_rigid(motion.sequence[part.phase]) else _BETWEEN
     most = limits.wheel_acceleration_rad_s2 or np.inf
-    b = _squared_speeds(path, (1 + spare) * r, w, (1 - spare) * most)
+    b = squared_speeds(path, (1 + spare) * r, w, (1 - spare) * most)
     speed = np.sqrt(b)
     time = 2 * np.diff(path) / (speed[1:] + speed[:-1])
     turned = w * speed[:, None]
@@ -248,7 +248,7 @@ def _profile(
     )
 
 
-def _squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
+def squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
     """Largest b on the grid from rest to rest, (m,).
 
     On a piece of length d, with W the larger turn per x of a wheel and D the change of it per x,

@@ -19,7 +19,7 @@ from twosra_mpc.plans.trajectory import Stretch, Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.figures import label
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import carries
+from twosra_mpc.problem.tasks import Follow, carries
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array
 
@@ -61,12 +61,22 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
     for name, (x, y) in names_m(problem, points).items():
         middle: dict[str, Any] = {"ha": "center", "va": "center", "color": "0.25"}
         label(ax, name, (x, y), bbox=figures.BEHIND_WORDS, **middle, **words)
+    for path in followed(problem):
+        points = path.line.points
+        ahead = np.gradient(points, axis=0)
+        aside = ahead[:, ::-1] * [-1, 1] / np.hypot(*ahead.T)[:, None] * path.position_tolerance_m
+        ax.add_artist(Polygon([*points + aside, *(points - aside)[::-1]], **TASK))
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
         x, y = np.clip((low[0], high[1]), *seen).tolist()
         words |= {"va": "bottom" if y == high[1] else "top", "color": figures.TASK_COLOUR}
         label(ax, task.name or f"task {number}", (x, y), **words)
+
+
+def followed(problem: Problem) -> list[Follow]:
+    """Tasks that follow a path."""
+    return [stage.follows for stage in problem.stages if stage.follows is not None]
 
 
 def show_world(
@@ -285,6 +295,8 @@ def legend_entries(
         entries["obstacle"] = Patch(**OBSTACLE)
     if problem.passes:
         entries["box to drive through"] = Patch(**TASK)
+    if followed(problem):
+        entries["path to follow"] = Patch(**TASK)
     if nearest is not None:
         at = f"{length(nearest)}, {figures.short(nearest.name)} at {nearest.at_s:z.1f} s"
         entries[f"nearest: {at}"] = plane.line(figures.NEAREST_COLOUR, 1.6)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -13,17 +14,21 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet
+from twosra_mpc.problem.polyline import Polyline, flattened, read_path, wrong_place
 from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.validation import (
+    Distance,
     Interval,
+    Length,
     Metres,
     MetresInterval,
     NonNegative,
     Pair,
+    Positive,
     Radians,
     Several,
     Tagged,
@@ -42,6 +47,7 @@ class Stage:
         along: Thing that segments lie along at its end.
         grasps: Object that is in hand at its end.
         carries: Pose of the object in hand at its end.
+        follows: Path along which it leads.
         releases: Object that is free at its end.
         least_s: Least duration [s].
         words: What is done, e.g. "grasp cup".
@@ -57,6 +63,7 @@ class Stage:
     along: Conform | None = None
     grasps: Grasp | None = None
     carries: Carry | None = None
+    follows: Follow | None = None
     releases: Release | None = None
     least_s: float = 0.0
     words: str = ""
@@ -317,6 +324,80 @@ class Carry(Task):
         return Stage((rigid,), rigid, carries=self)
 
 
+class Follow(Task):
+    """Move the object that is held along a path, or a part of the robot where none is named.
+
+    ``path`` is a list of points, the name of a CSV or SVG file, or ``{ bezier = [...] }`` with the
+    3 k + 1 control points of cubic curves. It is followed from where its first point is, to within
+    ``position_tolerance_m`` and as fast as the robot can. The ``heading`` is "free", "tangent" to
+    the path or one that is kept; or points have one each, as a third number. It is that of what
+    follows; a disc has none, so it is b0's. Of the path ``from_m`` lies behind.
+    """
+
+    do: Literal["follow"] = "follow"
+    object: str | None = None
+    part: Literal["middle link", "unit 1"] = "middle link"
+    path: Several[Several[Metres]]
+    heading: Literal["free", "tangent"] | Radians = "free"
+    position_tolerance_m: Length = 0.005
+    heading_tolerance_rad: Positive = 0.1
+    from_m: Distance = 0.0
+
+    @field_validator("path", mode="before")
+    @classmethod
+    def _read(cls, path: Any) -> Any:
+        if isinstance(path, str | Path):
+            return read_path(path)
+        if isinstance(path, dict):
+            control: Any = path.get("bezier")
+            if set(path) != {"bezier"} or np.shape(control) not in _BEZIER:
+                allowed = "{ bezier = [...] } with 4, 7, 10 ... control points [x, y]"
+                raise InputError("", path, allowed)
+            return flattened(control)
+        return path
+
+    @model_validator(mode="after")
+    def _followable(self) -> Follow:
+        columns = {len(row) for row in self.path}
+        if columns not in ({2}, {3}) or len(set(self.path)) < 2:
+            allowed = "two different points or more, all of 2 or 3 numbers"
+            raise InputError("path", self.path, allowed)
+        if columns == {3} and self.heading != "free":
+            raise InputError("heading", self.heading, "left out: the points have headings")
+        most_rad = 2 * self.heading_tolerance_rad if self.heading == "tangent" else math.inf
+        wrong = wrong_place(self.line, most_rad, self.position_tolerance_m)
+        if wrong is not None:
+            raise InputError(f"path.{wrong[0]}", self.path[wrong[0]], wrong[1])
+        if not self.from_m < self.line.length_m[-1]:
+            raise InputError("from_m", self.from_m, f"less than {self.line.length_m[-1]:zg} m")
+        return self
+
+    def said(self, number: int) -> str:
+        """Task in words."""
+        return f"follow {self.name or f'path {number}'}"
+
+    @property
+    def line(self) -> Polyline:
+        """All of its path, with the headings that are asked for."""
+        if isinstance(self.heading, str):
+            line = Polyline.of(self.path)
+            return line.tangent if self.heading == "tangent" else line
+        return Polyline.of([(*row, self.heading) for row in self.path])
+
+    @property
+    def left(self) -> Polyline:
+        """What is left of its path."""
+        return self.line.after(self.from_m)
+
+    def stage(self, modes: Sequence[Mode]) -> Stage:
+        """In the shape that the robot has, to the end of the path."""
+        rigid = rigid_mode(len(modes[0]))
+        return Stage((rigid,), rigid, follows=self)
+
+
+_BEZIER = [(3 * k + 1, 2) for k in range(1, 100)]  # shapes of control points
+
+
 class Release(Task):
     """Open until the object is free, and drive away from it to ``clearance_m``."""
 
@@ -406,7 +487,7 @@ def task_problems(
         if task.needs_held is False and held is not None:
             yield InputError(f"tasks.{i}.do", task.do, f"what empty hands do: release {held} first")
             return
-        if task.needs_held and named != held:
+        if (task.needs_held or isinstance(task, Follow)) and named not in (held, None):
             allowed = f"{held}, which is held" if held else "what is held: grasp it first"
             yield InputError(f"tasks.{i}.object", named, allowed)
             return

@@ -70,6 +70,10 @@ class Contour:
         way = np.arctan2(ahead[:, 1], ahead[:, 0])
         return ring[np.abs(wrapped(way - np.roll(way, 1))) > _SHARP_RAD]
 
+    def off_m(self, points: Array) -> Array:
+        """Distances of points (m, 2) [m], negative inside."""
+        return self.distances(shapely.points(points))
+
     def distances(self, parts: Any) -> Array:
         """Distance of geometries, negative where they overlap, as many [m]."""
         return shapely.distance(self.core, parts) - self.radius_m

@@ -19,6 +19,7 @@ from twosra_mpc.planning.solver.guess import correct_end
 from twosra_mpc.planning.solver.itinerary import Itinerary
 from twosra_mpc.planning.solver.sequence_solver import Solved, checked, shapes, stage_bends, turning
 from twosra_mpc.planning.solver.turning_drive import there, turned
+from twosra_mpc.planning.stages.along import Along
 from twosra_mpc.planning.stages.necessity import necessities
 from twosra_mpc.planning.stages.variants import Placement, Variant, goals_of
 from twosra_mpc.problem.goals import GoalSet
@@ -29,6 +30,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
+from twosra_mpc.space.screws import Bools
 from twosra_mpc.timing import TemporalNetwork
 
 Made = tuple[float, Solved] | None  # (cost, plan), or nothing that verifies
@@ -42,6 +44,33 @@ _MOST_MEMBERS = 8  # of a variant, that are tried
 _SAME_PER_M, _ASKED_PER_M = 1.0, 1e-3
 _STILL = 1e-9  # m, rad or change of W
 _LEAST_BEND = 1e-3  # change of W that is more than rounding
+
+
+class OneWay(Drives):
+    """The one drive of a stage that follows a path, among the drives of the shape it has."""
+
+    def __init__(self, among: Drives, along: Along) -> None:
+        self.__dict__ |= vars(among)
+        self._along = along
+
+    def leg_times_s(self, start: Array, end: Array) -> Array:
+        """Its time, from wherever it begins."""
+        shape = np.broadcast_shapes(start.shape, end.shape)[:-1]
+        return np.full(shape, self._along.lasts_s)
+
+    def time_s(self, poses: Array) -> float:
+        """Its time [s]."""
+        del poses
+        return self._along.lasts_s
+
+    def best(self, start: Array, goal: Array) -> Array | None:
+        """Its poses, if they keep clear."""
+        poses = self._along.poses
+        return poses if self.proof(start, goal)(poses[:-1], poses[1:]).all() else None
+
+    def apart(self, start: Array, goal: Array) -> Bools:
+        """Nothing is known."""
+        return np.zeros((len(start), len(goal)), dtype=bool)
 
 
 class Placer:
@@ -133,14 +162,16 @@ class Placer:
         q = problem.start.configuration
         corrected, first, iterations = list[Motion](), 0, 0
         for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
-            motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
-            found = correct_end(motion, stage.goal) if stage.reaches else motion
+            found = stage.along.begun_at(q) if stage.along is not None else None
             if found is None:
-                return None
-            own = [i - first for i in turns if first <= i < first + len(sequence)]
-            goal = stage.goal if stage.reaches else there(found.end)
-            found, count = turned(found, goal, own, most, partial(self._clear, stage))
-            iterations += count
+                motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
+                found = correct_end(motion, stage.goal) if stage.reaches else motion
+                if found is None:
+                    return None
+                own = [i - first for i in turns if first <= i < first + len(sequence)]
+                goal = stage.goal if stage.reaches else there(found.end)
+                found, count = turned(found, goal, own, most, partial(self._clear, stage))
+                iterations += count
             corrected.append(found)
             q, first = found.end, first + len(sequence)
         ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
@@ -164,7 +195,7 @@ class Placer:
             self._drives[key] = Drives(
                 robot, stage.world, shape, held=stage.held, may=stage.may, sagitta_m=stage.sagitta_m
             )
-        return self._drives[key]
+        return self._drives[key] if stage.along is None else OneWay(self._drives[key], stage.along)
 
     def _ways(
         self,

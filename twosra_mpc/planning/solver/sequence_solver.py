@@ -268,8 +268,8 @@ def turning(
     least_s = np.maximum(straight_s, far[:, 2] / (limits.turn_rate_rad_s or math.inf))
     lasts_s = np.array([profile.duration_s for profile in found.candidate.profiles])
     longer_s = lasts_s - np.maximum(least_s, hidden_s)
-    rigid = np.array([*map(is_rigid, motion.sequence)])
-    drives, gained = np.flatnonzero(rigid & (longer_s > 0)), found.problem.gap * cost
+    free = np.array([*map(is_rigid, motion.sequence)]) & ~motion.lasting_s.any(axis=1)
+    drives, gained = np.flatnonzero(free & (longer_s > 0)), found.problem.gap * cost
     for most in (1, _DRIVES) if longer_s[drives].sum() > gained else ():
         made = (
             None

@@ -12,10 +12,11 @@ import numpy as np
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
+from twosra_mpc.planning.stages.along import begins_well, drives_along, least_time_s, part_in_b0
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Stage, carries
+from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
@@ -32,9 +33,12 @@ _ALIKE = 6  # decimals of m and 1/m
 
 
 class Handling:
-    """Ways to do stages that end at an object or obstacle; ``refused`` says why there are none."""
+    """Ways to do stages that end at an object or obstacle, or lead along a path.
 
-    def __init__(self, problem: Problem, refused: list[str]) -> None:
+    ``refused`` says why there are none, and whether that is proved.
+    """
+
+    def __init__(self, problem: Problem, refused: dict[str, bool]) -> None:
         self.problem, self.refused = problem, refused
         self._known: dict[object, tuple[Touch, ...]] = {}
 
@@ -46,6 +50,8 @@ class Handling:
             yield from self._conformed(stage, stage.along, at)
         if stage.carries is not None:
             yield from self._carried(stage, stage.carries, at)
+        if stage.follows is not None:
+            yield from self._followed(stage, stage.follows, at)
         if stage.releases is not None:
             yield from self._released(stage, at)
 
@@ -164,7 +170,7 @@ class Handling:
                 if known[alike]:
                     touches.append(each)
         if not touches:
-            self.refused.append(_no_grasp(task, found))
+            self.refused[_no_grasp(task, found)] = True
         self._known[key] = tuple(_a_few(touches))
         return self._known[key]
 
@@ -185,6 +191,68 @@ class Handling:
         made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held, may=may)
         for some in [ends] if together else [end[None] for end in ends]:
             yield at.after(replace(made, ends=some, within_m=within_m))
+
+    def _followed(self, stage: Stage, task: Follow, at: State) -> Iterator[State]:
+        """The stages that lead along a path, from each place where the one before may end."""
+        robot, hold = self.problem.robot, at.hold
+        begins, kappa = self._known_ends(at)
+        in_b0 = part_in_b0(robot, kappa, task.part)
+        held, may = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
+        if task.object is not None:
+            assert hold is not None, "checked with the problem"
+            in_b0 = hold.pose_in_b0 * [1, 1, self.problem.objects[hold.number].disc is None]
+        refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
+        if all(refused):
+            self.refused[f"{task.said(len(at.placements) + 1)}: {refused[0]}"] = True
+        least_s = least_time_s(robot, kappa, task, in_b0)
+        made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
+        met, clear = dict[float, str](), False
+        for begin, why in zip(begins, refused, strict=True):
+            q = np.concatenate([begin, kappa])
+            for along in drives_along(robot, q, task, in_b0) if why is None else ():
+                if may is not None and not may(along.twists).all():
+                    continue
+                share, name = self._met(along.motion.states[0])
+                if name is not None:
+                    met[share] = name
+                    continue
+                clear = True
+                end, before = along.motion.end[None, :POSE], at.placements
+                own = replace(made, ends=end, held=held, may=may, along=along)
+                if before:
+                    before = (*before[:-1], replace(before[-1], ends=begin[None]))
+                yield at._replace(placements=before).after(own)
+        if met and not clear:
+            where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
+            said = task.said(len(at.placements) + 1)
+            self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
+
+    def _blocked(self, task: Follow) -> bool:
+        """True if an obstacle covers some of a path, and all that is within its tolerance."""
+        around = (Contour.of(item).off_m(task.left.points) for item in self.problem.obstacles)
+        return any((off_m < -task.position_tolerance_m).any() for off_m in around)
+
+    def _met(self, q: Array) -> tuple[float, str | None]:
+        """Share of a drive (m, 3 + n) that is free of obstacles, and what it meets then, if any."""
+        geometry, share, name = self.problem.robot.geometry, 1.0, None
+        own = [parts(geometry, q, j) for j in (None, *range(geometry.segments))]
+        for item in self.problem.obstacles:
+            contour = Contour.of(item)
+            overlap = np.any([np.minimum(*apart_m(geometry, contour, each)) < 0 for each in own], 0)
+            if overlap.any() and (until := float(overlap.argmax()) / len(q)) < share:
+                share, name = until, item.name or "an obstacle"
+        return share, name
+
+    def _known_ends(self, at: State) -> tuple[Array, Array]:
+        """Poses of b0 (m, 3) in which what was done so far may end, and the shape (n,)."""
+        start = self.problem.start.configuration
+        if not at.placements:
+            return start[None, :POSE], start[POSE:]
+        last = at.placements[-1]
+        shapes = [each.goal.configuration[POSE:] for each in at.placements]
+        known = [shape for shape in shapes if np.isfinite(shape).all()]
+        ends = last.goal.configuration[None, :POSE] if last.ends is None else last.ends
+        return ends[np.isfinite(ends).all(axis=1)], known[-1] if known else start[POSE:]
 
     def _released(self, stage: Stage, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""
@@ -217,7 +285,7 @@ class Handling:
             thing, pose = world.obstacles[world.names.index(task.object)], np.zeros(POSE)
         found = conform_touches(self.problem.robot, thing, task.segments, task.gap_m)
         if not found.touches:
-            self.refused.append(f"nothing conforms to {task.object}: {'; '.join(found.refused)}")
+            self.refused[f"nothing conforms to {task.object}: {'; '.join(found.refused)}"] = True
         for touch in _a_few(found.touches):
             ends = placed(touch, pose, thing, task.directions_rad)
             if not len(ends.poses):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
+from twosra_mpc.planning.stages.along import Along
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass, Stage, orders
@@ -49,6 +50,7 @@ class Placement:
         entries: Shapes from which it gets around what it grasps, as far open as ``openings``.
         away: Surroundings at its end; those of all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
+        along: The one drive that it is, where it follows a path.
     """
 
     stage: Stage
@@ -65,6 +67,7 @@ class Placement:
     entries: tuple[Goal, ...] = ()
     away: World | None = None
     may: May | None = None
+    along: Along | None = None
 
     @property
     def reaches(self) -> bool:
@@ -213,11 +216,11 @@ class Ways(NamedTuple):
 
     Attributes:
         variants: Every variant, the shortest one first.
-        refused: Why there are none, or no more.
+        refused: Why there are none, or no more, and whether that is proved.
     """
 
     variants: tuple[Variant, ...]
-    refused: tuple[str, ...]
+    refused: dict[str, bool]
 
 
 @remembered(8)  # the same each time a problem is planned, e.g. without one sequence or another
@@ -227,7 +230,7 @@ def ways_of(problem: Problem) -> Ways:
     Raises:
         OutOfEffortError: If the effort is over first, as no bound holds for some of them.
     """
-    found, refused, held = list[Variant](), list[str](), problem.start.holding
+    found, refused, held = list[Variant](), dict[str, bool](), problem.start.holding
     handling = cache(partial(_handling, problem, refused))
     poses = tuple(item.pose.pose for item in problem.objects)
     begin = State((), poses, None if held is None else handling().at_start())
@@ -247,10 +250,10 @@ def ways_of(problem: Problem) -> Ways:
             members.sort(key=partial(_length_m, problem))
             found.append(Variant(own, tuple(members)))
     found.sort(key=lambda variant: _length_m(problem, variant.members[0]))
-    return Ways(tuple(found), tuple(refused))
+    return Ways(tuple(found), refused)
 
 
-def _handling(problem: Problem, refused: list[str]) -> Handling:
+def _handling(problem: Problem, refused: dict[str, bool]) -> Handling:
     from twosra_mpc.planning.stages.handling import Handling  # loads GEOS
 
     return Handling(problem, refused)
@@ -276,6 +279,6 @@ def _length_m(problem: Problem, stages: Sequence[Placement]) -> float:
     for stage in stages:
         if stage.ends is not None:
             apart = np.linalg.norm(here[:, None, :2] - stage.ends[None, :, :2], axis=-1)
-            far += float(apart.min())
+            far += stage.along.length_m if stage.along else float(apart.min())
             here = stage.ends
     return far

@@ -1,0 +1,148 @@
+"""Paths that are followed: within the tolerance at every instant, and no quicker than is proved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from twosra_mpc import Follow, InputError, Problem, load_problem, load_robot, plan
+from twosra_mpc.checking.verification import verify
+from twosra_mpc.execution.run import Ending
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.planning.stages.along import drives_along, least_time_s, part_in_b0
+from twosra_mpc.problem.speeds import drive_rows
+from twosra_mpc.robot.coordinates import Array, composed
+
+ROBOT = load_robot("2sra-v1")
+
+
+def random_bezier(seed: int) -> list[list[float]]:
+    """Control points of a curve from the origin ahead."""
+    inner = np.random.default_rng(seed).uniform([0.2, -0.5], [1.2, 0.5], (3, 2))
+    return [[0.0, 0.0], *inner.tolist()]
+
+
+def from_points_m(points: Array, task: Follow) -> float:
+    """Largest distance of points (m, 2) from all of a path, whatever its order [m]."""
+    line = task.line
+    fine = line.at(np.linspace(0.0, line.length_m[-1], 20_000))
+    return max(float(np.hypot(*(fine - point).T).min()) for point in points)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("heading", ["free", "tangent", 0.0])
+def test_a_drive_keeps_to_the_tube_and_the_limits_between_nodes(
+    seed: int, heading: str | float
+) -> None:
+    part = "unit 1" if seed % 2 else "middle link"
+    task = Follow(path={"bezier": random_bezier(seed)}, heading=heading, part=part)  # type: ignore[arg-type]
+    kappa = np.array([10.0, -10.0])
+    in_b0 = part_in_b0(ROBOT, kappa, part)
+    line = task.line
+    phi = line.headings[0] if heading == "tangent" else in_b0[2]
+    b0 = composed(np.append(line.points[0], phi), composed(np.zeros(3), _back(in_b0)))
+    q = np.append(b0, kappa)
+    rows, wheels = drive_rows(ROBOT, kappa)
+    most = ROBOT.limits.wheel_acceleration_rad_s2
+    assert most is not None
+    for found in drives_along(ROBOT, q, task, in_b0):
+        times = found.motion.lasting_s[0]
+        twist = np.vstack([np.zeros(3), found.twists[len(times) :] / times[:, None]])
+        assert np.abs(twist @ rows.T).max() <= 1 + 1e-9
+        assert np.abs(np.diff(twist, axis=0) @ wheels.T / times[:, None]).max() <= most * (1 + 1e-9)
+        at = np.append(0.0, times.cumsum())
+
+        def rate(t: float, pose: Array, at: Array = at, twist: Array = twist) -> Array:
+            u, v, r = (np.interp(t, at, each) for each in twist.T)
+            c, s = np.cos(pose[2]), np.sin(pose[2])
+            return np.array([c * u - s * v, s * u + c * v, r])
+
+        asked = np.linspace(0.0, at[-1], 300)
+        own = solve_ivp(rate, (0.0, at[-1]), q[:3], t_eval=asked, max_step=0.1, rtol=1e-8).y.T
+        assert from_points_m(composed(own, in_b0)[:, :2], task) <= task.position_tolerance_m
+        assert np.hypot(*(composed(own[-1], in_b0)[:2] - line.points[-1])) <= 1e-3
+        assert at[-1] >= least_time_s(ROBOT, kappa, task, in_b0) > 0
+
+
+def _back(pose: Array) -> Array:
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return np.array([-c * pose[0] - s * pose[1], s * pose[0] - c * pose[1], -pose[2]])
+
+
+def test_the_plan_verifies_and_one_beside_the_path_does_not() -> None:
+    problem = load_problem("follow-bezier")
+    found = plan(problem).require()
+    assert found.lower_bound is not None
+    assert found.duration_s >= found.lower_bound
+    (task,) = problem.tasks
+    assert isinstance(task, Follow)
+    beside = task.with_values(path=[(x, y + 0.03 * x) for x, y in task.path])
+    moved = replace(found.trajectory, problem=problem.with_values(tasks=[beside]))
+    assert any("off its path" in words for words in verify(moved).problems)
+
+
+SQUARE = [[0, 0], [0.3, 0], [0.3, 0.3]]
+
+
+@pytest.mark.parametrize(
+    ("given", "field", "words"),
+    [
+        ({"path": SQUARE, "heading": "tangent"}, "path.1", "turns by 90 degrees at once"),
+        ({"path": [[0, 0], [0, 0]]}, "path", "two different points"),
+        ({"path": {"bezier": SQUARE}}, "path", "control points"),
+        ({"path": [[0, 0, 0], [1, 0, 0]], "heading": "tangent"}, "heading", "left out"),
+        ({"path": SQUARE, "from_m": 2.0}, "from_m", "less than"),
+    ],
+)
+def test_what_nothing_can_follow_is_refused(given: Any, field: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        Follow(**given)
+    assert refused.value.field.endswith(field)
+
+
+def test_a_path_that_begins_elsewhere_says_what_to_do_before() -> None:
+    start = {"x_m": 0.2, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    tasks = [{"do": "follow", "path": SQUARE}]
+    found = plan(Problem(robot=ROBOT, start=start, tasks=tasks))  # type: ignore[arg-type]
+    assert found.plan is None
+    assert "begins 200 mm away" in found.message
+
+
+def test_files_hold_the_same_path(tmp_path: Path) -> None:
+    csv, svg = tmp_path / "path.csv", tmp_path / "path.svg"
+    csv.write_text("x,y\n0,0\n0.3,0\n0.3,0.3\n")
+    svg.write_text('<svg><path d="M0 0 h300 v-300"/></svg>')
+    for name in (csv, svg):
+        line = Follow(path=str(name)).line  # type: ignore[arg-type]
+        assert line.length_m[-1] == pytest.approx(0.6)
+        assert line.at(np.array([0.45])) == pytest.approx(np.array([[0.3, 0.15]]))
+    svg.write_text('<svg><path d="M0 0 h300 M500 0 h10"/></svg>')
+    with pytest.raises(InputError, match="without a jump"):
+        Follow(path=str(svg))  # type: ignore[arg-type]
+
+
+def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wait, pushed = SimulatedRobot.wait, list[float]()
+
+    def pushing(robot: SimulatedRobot, at_most_s: float) -> None:
+        wait(robot, at_most_s)
+        if robot.time_s > 12.0 and not pushed:
+            pushed.append(robot.time_s)
+            robot.push(np.array([0.08, 0.08, 0.1]))
+
+    monkeypatch.setattr(SimulatedRobot, "wait", pushing)
+    problem = load_problem("follow-bezier")
+    run = simulate(problem, plan=plan(problem).require()).run
+    assert run.ending is Ending.REACHED
+    *_, task = run.plans[-1].problem.tasks
+    assert isinstance(task, Follow)
+    assert task.from_m > 0.3
+    assert task.left.length_m[-1] == pytest.approx(task.line.length_m[-1] - task.from_m)

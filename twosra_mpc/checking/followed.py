@@ -1,0 +1,96 @@
+"""Independent check that a path is followed: where what follows it is, from the sweep alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.problem.tasks import Follow
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
+from twosra_mpc.robot.coordinates import POSE, Array
+
+_FINE_M, _FINE = 1e-3, 0.05  # between places that are looked at, and of the tolerance
+_AHEAD = 4.0  # times the tolerance, that progress may gain at once
+
+
+class Followed(NamedTuple):
+    """How a path is followed.
+
+    Attributes:
+        t_s: Times that were looked at, (m,).
+        along_m: How far along the path it is then, (m,).
+        off_m: How far from the path, (m,).
+        off_rad: How far from the heading that is asked for, (m,); zero where it is free.
+        between_m: How much farther it may be in between, at most [m].
+        between_rad: The same of the heading.
+        left_m: What it has not come to of the path.
+    """
+
+    t_s: Array
+    along_m: Array
+    off_m: Array
+    off_rad: Array
+    between_m: float
+    between_rad: float
+    left_m: float
+
+
+def follower(trajectory: Trajectory, task: Follow, t_s: Array, q: Array) -> Array:
+    """Poses of what follows a path, (m, 3), at times (m,), the robot being at q (m, 3 + n)."""
+    problem = trajectory.problem
+    if task.object is not None:
+        number = [item.name for item in problem.objects].index(task.object)
+        poses = object_poses(trajectory, t_s, q)[:, number].copy()
+        if problem.objects[number].disc is not None:
+            poses[:, 2] = q[:, 2]
+        return poses
+    if task.part == "middle link":
+        return q[:, :POSE]
+    shape = robot_shape(problem.robot.geometry, q, 2)
+    return np.column_stack([shape.units[:, 0].mean(axis=1), shape.ends[:, 0, 2]])
+
+
+def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
+    """How poses (m, 3) at fine times (m,) follow a path: progress never goes back."""
+    line, near_m = task.left, task.position_tolerance_m
+    step = np.hypot(*np.diff(poses[:, :2], axis=0).T) + np.abs(np.diff(poses[:, 2])) * near_m
+    gone = np.append(0.0, np.cumsum(step))
+    fine = min(_FINE_M, _FINE * near_m)
+    marks = np.unique(np.searchsorted(gone, [*np.arange(0.0, gone[-1], fine), gone[-1]]))
+    at = poses[marks]
+    along_m = line.along(at[:, :2], _AHEAD * near_m)
+    off_m = np.hypot(*(at[:, :2] - line.at(along_m)).T)
+    asked = np.interp(along_m, line.length_m, line.headings)
+    turned = np.nan_to_num(at[:, 2] - asked)
+    off_rad = np.abs(np.mod(turned + math.pi, math.tau) - math.pi)
+    changed = np.abs(np.diff(at[:, 2])) + np.abs(np.diff(asked))
+    return Followed(
+        t_s[marks],
+        along_m,
+        off_m,
+        off_rad,
+        float(np.diff(gone[marks]).max(initial=0.0)) / 2,
+        float(np.nan_to_num(changed).max(initial=0.0)) / 2,
+        float(line.length_m[-1] - along_m[-1]),
+    )
+
+
+def tube_problems(task: Follow, found: Followed) -> Iterator[str]:
+    """Say where what follows a path leaves the tube around it, or does not come to its end."""
+    most = task.position_tolerance_m, task.heading_tolerance_rad
+    worst = int(found.off_m.argmax())
+    if found.off_m[worst] + found.between_m > most[0] + GOAL_TOLERANCE:
+        off = f"{1e3 * found.off_m[worst]:z.3g} mm off its path at {found.t_s[worst]:z.1f} s"
+        yield f"it is {off} (position_tolerance_m = {most[0]:zg} m)"
+    worst = int(found.off_rad.argmax())
+    if found.off_rad[worst] + found.between_rad > most[1] + GOAL_TOLERANCE:
+        off = f"{found.off_rad[worst]:z.3g} rad at {found.t_s[worst]:z.1f} s"
+        yield f"its heading is off by {off} (heading_tolerance_rad = {most[1]:zg} rad)"
+    if found.left_m > 2 * most[0]:
+        yield f"its path is not followed to the end: {found.left_m:z.3g} m are left"

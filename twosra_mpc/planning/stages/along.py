@@ -1,0 +1,209 @@
+r"""Drives along a given path: the twist turns as the path does, within the speed limits.
+
+What follows the path has a pose f in the frame of b0. Its poses are a uniform cubic B-spline p(u),
+with points of the path as control points: that is twice differentiable, keeps to the path to within
+h^2 / 6 times its curvature, h apart, and rounds its corners. So the body twist along u,
+
+.. math:: w(u) = (R(-\phi) b', \phi'), \qquad b = p \circ f^{-1},
+
+is smooth, and the quickest speed profile along it is that of ``plans.speed_profile``. Between grid
+points the twist is taken to be linear in time: limits hold at every instant, and the path is missed
+by hundredths of a millimetre.
+
+A time that no follower undercuts: what comes within r of points in turn, whose chords have the
+directions d_i, advances along d_i by the chord and by what it is off at its ends. So it is no
+shorter than the chords less :math:`r (2 + \sum |d_{i+1} - d_i|)`; and of all twists within the
+limits none moves it, or gathers speed, faster than a vertex of their polytope.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.effort import Cost, charge
+from twosra_mpc.model.bending import from_rest_to_rest
+from twosra_mpc.model.flow import Motion, drive
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
+from twosra_mpc.plans.speed_profile import squared_speeds
+from twosra_mpc.problem.polyline import Polyline
+from twosra_mpc.problem.speeds import drive_rows, rigid_rows
+from twosra_mpc.problem.tasks import Follow
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, composed, wrapped
+from twosra_mpc.robot.description import Robot
+
+_SHARE = 0.2  # of the tolerance, by which the spline departs from the path; the rest is the run's
+_LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
+_PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
+_TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
+_ALIKE_RAD = 1e-3  # headings that are the same
+_CHORDS = (1, 2, 4, 8, 16, 32, 64, 128)
+
+
+class Along(NamedTuple):
+    """A drive along a path: its one phase."""
+
+    motion: Motion
+
+    @property
+    def lasts_s(self) -> float:
+        """How long it takes [s]."""
+        return float(self.motion.lasting_s.sum())
+
+    @property
+    def poses(self) -> Array:
+        """Poses of b0 on the way, (m, 3)."""
+        return self.motion.states[0, :, :POSE]
+
+    @property
+    def twists(self) -> Array:
+        """Twists of b0 that it has, to within those between them, (m, 3)."""
+        inputs, changes = (each[0, :, 2:] for each in (self.motion.inputs, self.motion.changes))
+        return np.concatenate([inputs - changes / 2, inputs + changes / 2])
+
+    @property
+    def length_m(self) -> float:
+        """How far b0 comes [m]."""
+        return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+
+    def begun_at(self, q: Array) -> Motion:
+        """The same from a configuration (3 + n,), to rounding that where it begins."""
+        inputs, changes = (each[0, :, 2:] for each in (self.motion.inputs, self.motion.changes))
+        states = np.vstack([q, drive(q, inputs, changes)])
+        return replace(self.motion, states=states[None])
+
+
+def part_in_b0(robot: Robot, kappa: Array, part: str) -> Array:
+    """Pose of what follows a path in the frame of b0, (3,)."""
+    if part == "middle link":
+        return np.zeros(POSE)
+    shape = robot_shape(robot.geometry, np.concatenate([np.zeros(POSE), kappa]), 2)
+    return np.append(shape.centres[0], shape.ends[0, 2])
+
+
+def drives_along(robot: Robot, q: Array, task: Follow, in_b0: Array) -> list[Along]:
+    """Drives along what is left of a path from a configuration (3 + n,), the quickest first.
+
+    Args:
+        robot: The robot.
+        q: Where it begins.
+        task: What is asked; where it begins it is within the tolerance.
+        in_b0: Pose of what follows in the frame of b0, (3,).
+    """
+    line, begin = task.left, composed(q[:POSE], in_b0)
+    headings = [line.headings]
+    if np.isnan(line.headings).any():
+        turned = line.tangent.headings - line.tangents[0]
+        headings = [begin[2] + share * turned for share in _TURNED]
+        headings = headings if np.ptp(turned) > _ALIKE_RAD else headings[:1]
+    made = (_along(robot, q, line._replace(headings=each), task, in_b0) for each in headings)
+    return sorted(made, key=lambda drive: drive.lasts_s)
+
+
+def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -> Along:
+    whole_m, begin = float(line.length_m[-1]), composed(q[:POSE], in_b0)
+    count = max(_LEAST, math.ceil(whole_m / _LONGEST_M))
+    tolerance = _SHARE * np.array([task.position_tolerance_m, task.heading_tolerance_rad])
+    while True:
+        at = np.linspace(0.0, whole_m, count + 1)
+        asked = np.column_stack([line.at(at), np.interp(at, line.length_m, line.headings)])
+        pieces = max(_PIECES, math.ceil(_FEW / count))
+        poses, slopes = _spline(asked, pieces)
+        between = np.linspace(0.0, whole_m, len(poses))
+        off_m = np.hypot(*(poses[:, :2] - line.at(between)).T).max()
+        off_rad = np.abs(poses[:, 2] - np.interp(between, line.length_m, line.headings)).max()
+        if (np.array([off_m, off_rad]) <= tolerance).all() or count >= _MOST:
+            break
+        count *= 2
+    charge(Cost.PROFILE, len(poses))
+    aside = begin - asked[0]
+    aside[2] = wrapped(aside[2])
+    asked[:, 2] += round((begin[2] - aside[2] - asked[0, 2]) / math.tau) * math.tau
+    poses, slopes = _spline(asked + aside * np.linspace(1.0, 0.0, count + 1)[:, None], pieces)
+    poses[:, 2] -= in_b0[2]
+    c, s, (x, y) = np.cos(poses[:, 2]), np.sin(poses[:, 2]), in_b0[:2]
+    twist = slopes.copy()
+    twist[:, 0] = c * slopes[:, 0] + s * slopes[:, 1] + slopes[:, 2] * y
+    twist[:, 1] = c * slopes[:, 1] - s * slopes[:, 0] - slopes[:, 2] * x
+    rows, wheels = drive_rows(robot, q[POSE:])
+    most = robot.limits.wheel_acceleration_rad_s2 or math.inf
+    u = np.arange(len(poses)) / pieces
+    b = squared_speeds(u, np.abs(twist @ rows.T).max(axis=1), twist @ wheels.T, most)
+    speed = np.sqrt(b)
+    time_s = 2 * np.diff(u) / (speed[1:] + speed[:-1])
+    twist *= speed[:, None]
+    gained = np.abs(np.diff(twist, axis=0) @ wheels.T / time_s[:, None]).max() / most
+    used = float(np.abs(twist @ rows.T).max())
+    slower = max(used, math.sqrt(gained), robot.limits.phase_s / float(time_s.sum()), 1.0)
+    twist, time_s = twist / slower, time_s * slower
+    inputs, changes = np.zeros((2, len(time_s), INPUTS))
+    inputs[:, 2:] = time_s[:, None] * (twist[1:] + twist[:-1]) / 2
+    changes[:, 2:] = time_s[:, None] * np.diff(twist, axis=0)
+    states = np.vstack([q, drive(q, inputs[:, 2:], changes[:, 2:])])
+    alone = (each[None] for each in (inputs, states, changes, time_s))
+    return Along(Motion(robot, (robot.rigid,), *alone))
+
+
+def _spline(control: Array, pieces: int) -> tuple[Array, Array]:
+    """Uniform cubic B-spline from the first of its control points (m, 3) to the last, and slopes.
+
+    Both at so many places for each piece, and at the end, (pieces (m - 1) + 1, 3).
+    """
+    held = np.vstack([2 * control[0] - control[1], control, 2 * control[-1] - control[-2]])
+    t = np.arange(pieces) / pieces
+    value = (1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3
+    slope = -3 * (1 - t) ** 2, 9 * t**2 - 12 * t, 3 + 6 * t - 9 * t**2, 3 * t**2
+    near = np.stack([held[i : len(held) - 3 + i] for i in range(4)])
+    both = (np.einsum("bk,bnd->nkd", np.array(each) / 6, near) for each in (value, slope))
+    points, slopes = (each.reshape(-1, POSE) for each in both)
+    end = (held[-1] - held[-3]) / 2
+    return np.vstack([points, control[-1]]), np.vstack([slopes, end])
+
+
+def least_time_s(robot: Robot, kappa: Array, task: Follow, in_b0: Array) -> float:
+    """Proved lower bound on the time of a drive along what is left of a path, in a shape (n,) [s].
+
+    Zero where speeds are not limited.
+    """
+    x, y = in_b0[:2].tolist()
+    point = np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
+
+    def fastest(rows: Array) -> float:
+        vertices = twist_vertices(rows)
+        return math.inf if vertices is None else float(np.hypot(*point @ vertices.T).max())
+
+    fast = fastest(rigid_rows(robot, kappa))
+    most = robot.limits.wheel_acceleration_rad_s2
+    gained = math.inf if most is None else fastest(drive_rows(robot, kappa)[1] / most)
+    least_m = max(_shortest_m(task.left, task.position_tolerance_m))
+    return from_rest_to_rest(least_m / fast, fast / gained) if math.isfinite(fast) else 0.0
+
+
+def _shortest_m(line: Polyline, within_m: float) -> Iterator[float]:
+    """Lengths than which no path within a distance of a line is shorter [m]."""
+    yield 0.0
+    for count in _CHORDS:
+        chords = np.diff(line.at(np.linspace(0.0, line.length_m[-1], count + 1)), axis=0)
+        long_m = np.hypot(*chords.T)
+        along = chords / np.maximum(long_m, 1e-12)[:, None]
+        yield float(long_m.sum() - within_m * (2 + np.hypot(*np.diff(along, axis=0).T).sum()))
+
+
+def begins_well(task: Follow, pose: Array) -> str | None:
+    """Reason why a path is not begun at a pose (3,) of what follows it, and what would do."""
+    line = task.left
+    x, y = line.points[0].tolist()
+    off_m = math.dist(pose[:2].tolist(), (x, y))
+    off_rad = abs(math.remainder(pose[2] - line.headings[0], math.tau))
+    if off_m <= task.position_tolerance_m and not off_rad > task.heading_tolerance_rad:
+        return None
+    turned = f", {math.degrees(off_rad):z.0f} degrees turned" if off_rad > 0 else ""
+    heading = "" if math.isnan(off_rad) else f", phi_rad = {line.headings[0]:z.4g}"
+    to = "carry" if task.object else "reach"
+    asked = f'a task "{to}" before it: x_m = {x:z.4g}, y_m = {y:z.4g}{heading}'
+    return f"the path begins {1e3 * off_m:z.0f} mm away{turned}: {asked}"
