@@ -92,18 +92,18 @@ class OutOfEffortError(TwosraError):
 class Account:
     """Account of the work under one set of limits; times of ``time.process_time``."""
 
-    def __init__(self, work: float, until_s: float, given_up: Callable[[], bool]) -> None:
-        """With a limit in parts of a unit, one of CPU time, and who may end it."""
+    def __init__(self, work: float, cpu_s: float, given_up: Callable[[], bool]) -> None:
+        """With a limit in parts of a unit, one of CPU time from now on, and who may end it."""
         self.work, self.spent, self.given_up = work, 0, given_up
-        self.now_s, self.until_s = -math.inf, until_s  # when the clock was last looked at
-        self.look_at = min(_LOOK, self.most)  # work at which the clock is looked at next
+        self.until_s = time.process_time() + cpu_s
+        self.look_at = 0  # work at which the clock is looked at next
 
     @property
     def reached(self) -> str | None:
         """The setting that says no more should be begun."""
         if self.spent >= self.work or self.given_up():
             return "work_limit"
-        return "time_limit_s" if self.now_s >= self.until_s else None
+        return "time_limit_s" if time.process_time() >= self.until_s else None
 
     @property
     def most(self) -> float:
@@ -122,10 +122,9 @@ class Account:
         if self.spent > self.most:
             self.spent = int(self.most)
             raise OutOfEffortError
-        self.look_at = int(min(self.spent + _LOOK, self.most))
-        self.now_s = time.process_time()
-        if self.now_s > self.until_s + OVERTIME_S:
+        if time.process_time() > self.until_s + OVERTIME_S:
             raise OutOfEffortError
+        self.look_at = int(min(self.spent + _LOOK, self.most))
 
 
 _UNLIMITED = Account(math.inf, math.inf, lambda: False)
@@ -142,14 +141,14 @@ def limited(
     """
     outer = _ACCOUNT.get()
     parts = math.ceil(work * _IN_A_UNIT) if work < math.inf else math.inf
-    until_s = min(time.process_time() + cpu_s, outer.until_s)
-    account = Account(min(parts, outer.work - outer.spent), until_s, given_up or outer.given_up)
+    left = outer.work - outer.spent, outer.until_s - time.process_time()
+    account = Account(min(parts, left[0]), min(cpu_s, left[1]), given_up or outer.given_up)
     token = _ACCOUNT.set(account)
     try:
         yield
     finally:
         _ACCOUNT.reset(token)
-        outer.spent, outer.now_s = outer.spent + account.spent, max(outer.now_s, account.now_s)
+        outer.spent += account.spent
 
 
 def lend_overtime() -> None:
@@ -178,13 +177,11 @@ def spent() -> float:
 
 def limit_reached() -> str | None:
     """The setting that says nothing more should be begun; None: there is effort left."""
-    account = _ACCOUNT.get()
-    account.now_s = time.process_time()
-    return account.reached
+    return _ACCOUNT.get().reached
 
 
 def out_of_effort() -> bool:
-    """True if nothing more should be begun, as of the last look at the clock."""
+    """True if nothing more should be begun."""
     return _ACCOUNT.get().reached is not None
 
 
