@@ -114,7 +114,11 @@ def plan(
         PlanInterrupted: At Ctrl-C: a ``KeyboardInterrupt`` whose ``result`` is the best so far.
     """
     asked = problem if risk is None else problem.with_values(risk=risk)
-    result = plan_until_interrupted(asked, on_progress=on_progress)
+    return _finished(plan_until_interrupted(asked, on_progress=on_progress))
+
+
+def _finished(result: Result) -> Result:
+    """The result, unless Ctrl-C has ended its search."""
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result
@@ -182,8 +186,7 @@ def searched(
             ending = Ending.INTERRUPTED
         message = f"{_nothing_found(problem)} ({_STOPPED[ending]}): {_advice(ending)}"
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-    how = problem.planner, Status.FAILED, message, None, ending
-    return Result(problem, *how, stats, None)
+    return Result(problem, problem.planner, Status.FAILED, message, None, ending, stats, None)
 
 
 def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
@@ -197,10 +200,7 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
         InputError: As ``plan`` does.
         PlanInterrupted: At Ctrl-C.
     """
-    result = plan_until_interrupted(problem, than_s=than_s, worth_s=_WORTH_S)
-    if result.ending is Ending.INTERRUPTED:
-        raise PlanInterrupted(result)
-    return result
+    return _finished(plan_until_interrupted(problem, than_s=than_s, worth_s=_WORTH_S))
 
 
 def _unhindered(

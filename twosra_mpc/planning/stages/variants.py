@@ -221,7 +221,6 @@ class Ways(NamedTuple):
 
 
 @remembered(8)  # the same each time a problem is planned, e.g. without one sequence or another
-@remembered(8)  # planned again: with others excluded, or as it is confirmed
 def ways_of(problem: Problem) -> Ways:
     """Make the variants of a problem.
 
