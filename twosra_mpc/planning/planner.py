@@ -114,11 +114,7 @@ def plan(
         PlanInterrupted: At Ctrl-C: a ``KeyboardInterrupt`` whose ``result`` is the best so far.
     """
     asked = problem if risk is None else problem.with_values(risk=risk)
-    return _finished(plan_until_interrupted(asked, on_progress=on_progress))
-
-
-def _finished(result: Result) -> Result:
-    """The result, unless Ctrl-C has ended its search."""
+    result = plan_until_interrupted(asked, on_progress=on_progress)
     if result.ending is Ending.INTERRUPTED:
         raise PlanInterrupted(result)
     return result
@@ -200,7 +196,10 @@ def plan_again(problem: Problem, than_s: float = math.inf) -> Result:
         InputError: As ``plan`` does.
         PlanInterrupted: At Ctrl-C.
     """
-    return _finished(plan_until_interrupted(problem, than_s=than_s, worth_s=_WORTH_S))
+    result = plan_until_interrupted(problem, than_s=than_s, worth_s=_WORTH_S)
+    if result.ending is Ending.INTERRUPTED:
+        raise PlanInterrupted(result)
+    return result
 
 
 def _unhindered(
