@@ -99,13 +99,6 @@ class Account:
         self.look_at = 0  # work at which the clock is looked at next
 
     @property
-    def reached(self) -> str | None:
-        """The setting that says no more should be begun."""
-        if self.spent >= self.work or self.given_up():
-            return "work_limit"
-        return "time_limit_s" if time.process_time() >= self.until_s else None
-
-    @property
     def most(self) -> float:
         """Limit with the overtime."""
         return self.work + OVERTIME * _IN_A_UNIT
@@ -177,12 +170,15 @@ def spent() -> float:
 
 def limit_reached() -> str | None:
     """The setting that says nothing more should be begun; None: there is effort left."""
-    return _ACCOUNT.get().reached
+    account = _ACCOUNT.get()
+    if account.spent >= account.work or account.given_up():
+        return "work_limit"
+    return "time_limit_s" if time.process_time() >= account.until_s else None
 
 
 def out_of_effort() -> bool:
     """True if nothing more should be begun."""
-    return _ACCOUNT.get().reached is not None
+    return limit_reached() is not None
 
 
 def remembered(most: int) -> Callable[[Callable[Given, Made]], Callable[Given, Made]]:

@@ -141,14 +141,14 @@ def plan_until_interrupted(
     Raises:
         InputError: As ``plan`` does.
     """
-    with limited(problem.work_limit, problem.time_limit_s):
-        if problem.risk != "nominal" and not excluded:
-            from twosra_mpc.planning.policy import RELYING, plan_policy  # no one else waits for it
+    if problem.risk != "nominal" and not excluded:
+        from twosra_mpc.planning.policy import RELYING, plan_policy  # no one else waits for it
 
-            if than_s == math.inf:
+        if than_s == math.inf:
+            with limited(problem.work_limit, problem.time_limit_s):
                 return plan_policy(problem, on_progress)
-            excluded = RELYING  # what is known to be best counts on nothing more
-        return searched(problem, on_progress, excluded, than_s, worth_s)
+        excluded = RELYING  # what is known to be best counts on nothing more
+    return searched(problem, on_progress, excluded, than_s, worth_s)
 
 
 def searched(
@@ -182,8 +182,7 @@ def searched(
             ending = Ending.INTERRUPTED
         message = f"{_nothing_found(problem)} ({_STOPPED[ending]}): {_advice(ending)}"
         stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
-    how = problem.planner, Status.FAILED, message, None, ending
-    return Result(problem, *how, stats, None)
+    return Result(problem, problem.planner, Status.FAILED, message, None, ending, stats, None)
 
 
 def plan_again(problem: Problem, than_s: float = math.inf) -> Result:

@@ -181,7 +181,7 @@ class Drives:
         """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
         headings = self.headings[0]
         held = self.certified_slices(headings).component(pose) is not None
-        return self.roadmap(headings).field(pose) if held else None
+        return self.roadmap(headings).field(*pose) if held else None
 
     def spread(self, most: int) -> Array:
         """Poses all over the roads, at most so many, (m, 3); none if no slice is free."""
@@ -248,7 +248,7 @@ class Drives:
         ends = self.ends(headings, start, goal)
         if ends is None:
             return None
-        field, back = (self.roadmap(headings).field(end) for end in ends)
+        field, back = (self.roadmap(headings).field(*end) for end in ends)
         path = None if field is None else field.path(ends[1])
         if field is None or back is None or path is None:
             return None

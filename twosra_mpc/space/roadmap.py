@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from twosra_mpc.effort import Cost, charge
+from twosra_mpc.effort import Cost, charge, remembered
 from twosra_mpc.model.flow import twists
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.lattice import lattice, triangles
@@ -138,8 +138,10 @@ class Roadmap:
         lines = shapely.linestrings(np.stack([ends, self.poses[nodes, :2]], axis=1))
         return np.asarray(shapely.covers(self.slices.parts[part], lines))
 
-    def field(self, pose: Array) -> Field | None:
-        """Least times along roads from a pose (3,), or to it; None where it is not in a slice."""
+    @remembered(3)  # many drives end in one goal
+    def field(self, *at: float) -> Field | None:
+        """Least times along roads from a pose, or to it; None where it is not in a slice."""
+        pose = np.array(at)
         via, nodes, times = self.links(pose)
         if not len(nodes):
             return None
@@ -189,8 +191,8 @@ class Field:
         """
         total = self.times_s + back.times_s
         near = np.flatnonzero(total <= longer * float(total.min()))
-        from_path = (self.roadmap.poses[near, :2] - at for at in path[:, :2])
-        near = near[np.min([np.hypot(*each.T) for each in from_path], axis=0) > apart_m]
+        for at in np.unique(path[:, :2], axis=0):
+            near = near[np.hypot(*(self.roadmap.poses[near, :2] - at).T) > apart_m]
         if not len(near):
             return None
         node = int(near[total[near].argmin()])

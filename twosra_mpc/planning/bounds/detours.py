@@ -34,29 +34,31 @@ class Lines(NamedTuple):
         up: Sum of what it costs to enter cells up to each from the one before, (lines, m).
         down: Of those behind it, from the one after.
         end: What it costs to end in each cell, by number.
+        places: Where each cell is in the flat lines, by number: twice, or both times the same.
     """
 
     cells: NDArray[np.int32]
     up: Array
     down: Array
     end: Array
+    places: NDArray[np.int32]
 
     def bent(self, costs: Array) -> Array:
         """Least costs of all cells after a bend that begins with these."""
         charge(Cost.CELL, self.cells.size // 1000)
-        begins, least = costs[self.cells], np.minimum.accumulate
-        up = self.up + least(begins - self.up, axis=1)
-        down = self.down + least((begins - self.down)[:, ::-1], axis=1)[:, ::-1]
-        reached, found = np.minimum(up, down), np.full_like(costs, np.inf)
-        for half in (slice(0, None, 2), slice(1, None, 2)):  # in each of which a cell is but once
-            cells = self.cells[:, half]
-            found[cells] = np.minimum(found[cells], reached[:, half])
-        return np.minimum(costs, found + self.end)
+        up = costs[self.cells]  # in place: it is much
+        down = (up - self.down)[:, ::-1]
+        up -= self.up
+        for each in (up, down):
+            np.minimum.accumulate(each, axis=1, out=each)
+        up += self.up
+        np.minimum(up, self.down + down[:, ::-1], out=up)
+        return np.minimum(costs, up.ravel()[self.places].min(axis=0) + self.end)
 
     def source(self, costs: Array, cell: int) -> int:
         """The cell in which the cheapest bend into a cell begins."""
         found = [(costs[cell], cell)]
-        for line, at in zip(*np.nonzero(self.cells == cell), strict=True):
+        for line, at in zip(*divmod(self.places[:, cell], self.cells.shape[1]), strict=True):
             up, down, numbers = self.up[line], self.down[line], self.cells[line]
             paid = [*(up[at] - up[: at + 1]), *(down[at] - down[at + 1 :])]
             whole = costs[numbers] + paid + self.end[cell]
@@ -115,7 +117,12 @@ def joined(edges: tuple[Array, ...], lines: Mapping[Mode, Sequence[Array]]) -> C
         behind = down[:, ::-1]
         for each in (up, behind):
             np.cumsum(each, axis=1, out=each)
-        made[mode] = Lines(cells, up, down, np.append(costs[2], np.inf))
+        flat = np.arange(cells.size, dtype=np.int32).reshape(cells.shape)
+        places = np.zeros((2, rows * columns + 1), dtype=np.int32)
+        places[:, cells] = flat
+        for half in range(2):  # in each of which a cell of a stair is but once
+            places[half, cells[:, half::2]] = flat[:, half::2]
+        made[mode] = Lines(cells, up, down, np.append(costs[2], np.inf), places)
     return Cells(edges, made)
 
 

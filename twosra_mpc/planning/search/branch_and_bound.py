@@ -151,8 +151,8 @@ def _run(
                 tried = search.steps + _TRIED * search.solved
                 if not search.incumbents and tried > _PATIENCE:
                     search.look()
-                on_progress(search.cost, search.lower_bound)
-                if search.enough <= search.lower_bound:
+                on_progress(search.cost, low := search.lower_bound)
+                if search.enough <= low:
                     break
                 if out_of_time():
                     return Ending.LIMIT
@@ -240,9 +240,8 @@ class _Search(Generic[Node, Solution]):
         ]
         self.kept = math.inf  # least bound of what left the queue without being disproved
         self.failed: list[_Entry[Node, Solution]] = []  # leaves without luck; tightened later
-        self.incumbents: list[
-            tuple[float, Solution | None]
-        ] = []  # each cheaper than those before it
+        # Each cheaper than those before it.
+        self.incumbents: list[tuple[float, Solution | None]] = []
         self.first_work = math.inf
         self.bounded = self.solved = self.steps = 0
         self.learnt = False  # whether a bound was tightened, and others may be too

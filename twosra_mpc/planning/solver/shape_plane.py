@@ -31,16 +31,12 @@ class _Plane(NamedTuple):
 
     Attributes:
         edges: W of each segment at the edges of cells.
-        low: Least curvatures in each cell, (n1, n2, 2) [1/m].
-        high: Largest.
         overlaps: Whether parts overlap in all of its shapes, and in its middle, (2, n1, n2).
         lost: Of each segment, whether the wheels surely lose hold of it on the cell's lower edge,
             anywhere in it, and if it ends in it; and whether in its middle, (4, n1, n2).
     """
 
     edges: tuple[Array, ...]
-    low: Array
-    high: Array
     overlaps: Bools
     lost: list[Bools]
 
@@ -48,13 +44,13 @@ class _Plane(NamedTuple):
 def cells_of(body: Body, fineness: int) -> Cells:
     """The plane of both W, cut so many times finer, and what bends cost there.
 
-    What is kept of a body is coarse: fine cells, of 100 MiB, go with the search that asks for them.
+    What is forbidden is kept of a body, fine cells, of 100 MiB, go with the search that asks.
     """
-    plane = _coarse(body) if fineness == COARSE else _plane(body, fineness)
-    edges, low, high, (overlaps, touches), lost = plane
+    edges, (overlaps, touches), lost = _plane(body, fineness)
     costs: dict[Mode, list[Array]] = {(1, 1): [_cost(overlaps, touches)] * 3}
     for j, (mode, (edge, _, ended, unclear)) in enumerate(zip(_ALONE, lost, strict=True)):
-        up, down = low[..., j] > 0, high[..., j] < 0  # against its spring
+        against = edges[j][:-1] > 0, edges[j][1:] < 0  # its spring
+        up, down = (np.expand_dims(each, 1 - j) for each in against)
         costs[mode] = [
             _cost(overlaps | (edge & up), touches | (unclear & up)),
             _cost(overlaps | (np.roll(edge, -1, axis=j) & down), touches | (unclear & down)),
@@ -73,11 +69,7 @@ def _around(truth: Bools) -> Bools:
     return np.asarray(windows.any(axis=(2, 3)))
 
 
-@per_body(bodies=1)
-def _coarse(body: Body) -> _Plane:
-    return _plane(body, COARSE)
-
-
+@per_body(2, bodies=2)  # 4 MiB each
 def _plane(body: Body, fineness: int) -> _Plane:
     """Finer cells are asked about only where coarse ones do not tell, or beside others."""
     facts, most = bending(body), body.limits.curvature_per_m + BEYOND_PER_M
@@ -110,8 +102,8 @@ def _plane(body: Body, fineness: int) -> _Plane:
     if fineness == COARSE:
         flat = low.reshape(-1, 2), high.reshape(-1, 2)
         found = [ask(*flat).reshape(-1, *low.shape[:2]) for ask in asked]
-        return _Plane(edges, low, high, found[0], found[1:])
-    coarse, found = _coarse(body), []
+        return _Plane(edges, found[0], found[1:])
+    coarse, found = _plane(body, COARSE), []
     known = [coarse.overlaps, *(each[[1, 1, 2, 3]] for each in coarse.lost)]  # of all in a cell
     for ask, of_cells in zip(asked, known, strict=True):
         finer = of_cells.repeat(fineness, axis=1).repeat(fineness, axis=2)
@@ -120,4 +112,4 @@ def _plane(body: Body, fineness: int) -> _Plane:
         where = near.repeat(fineness, axis=0).repeat(fineness, axis=1)
         finer[:, where] = ask(low[where], high[where])
         found.append(finer)
-    return _Plane(edges, low, high, found[0], found[1:])
+    return _Plane(edges, found[0], found[1:])
