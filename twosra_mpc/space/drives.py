@@ -19,6 +19,7 @@ from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.space.balls import Room, way
 from twosra_mpc.space.footprint import SAGITTA_M, footprint, kept_m
 from twosra_mpc.space.screws import (
     Bools,
@@ -45,6 +46,10 @@ _DETOUR = 1.5  # times the straight leg: as long a drive by few poses is taken w
 _ELSEWHERE = 1.25  # times the fastest road: as long is one that goes round elsewhere, at most
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _FINE_M = 1e-5  # sagitta of what is drawn finely, where an end touches what is around it
+_SEEN_M = 5e-5  # sagitta of the outline by which legs are proved
+_MOST_SUMS = (
+    1500  # corners around times pieces: of more no map is made, ways are looked for one by one
+)
 _NOTHING = np.zeros((0, 4, 2))
 
 
@@ -78,10 +83,19 @@ class Drives:
         self.rows, self._wheels = drive_rows(robot, self.kappa)
         self._most_rad_s2 = robot.limits.wheel_acceleration_rad_s2 or np.inf
         self.separation = Separation(self.footprint, world, self.kept_m)
-        self.clear = self.separation.distances
         self._certified: dict[int, FreeSlices] = {}
         self._possible: dict[tuple[int, float], FreeSlices] = {}
         self._roadmaps: dict[int, Roadmap] = {}
+
+    @cached_property
+    def room(self) -> Room:
+        """What is around it, by distance."""
+        fine = footprint(self.geometry, self.kappa, _SEEN_M).holding(self._held)
+        return Room(fine, self.world, self.kept_m)
+
+    def clear(self, poses: Array) -> Array:
+        """Lower bounds of what poses (m, 3) keep, (m,) [m]; at least ``kept_m`` is allowed."""
+        return self.room.spare_m(poses) + self.kept_m
 
     # Time and clearance of legs.
 
@@ -114,7 +128,7 @@ class Drives:
         It keeps the clearance, or from each thing that is nearer to that pose what the pose does:
         at least so much, as far as that can be drawn.
         """
-        if (self.separation.to_things(end) >= self.kept_m).all():
+        if self.clear(end[None])[0] >= self.kept_m:
             return None
         own_m = self._finely.to_things(end)
         return self.kept_m - np.clip(own_m, least_m - 2 * _FINE_M, self.kept_m)
@@ -180,18 +194,20 @@ class Drives:
     def field(self, pose: Array) -> Field | None:
         """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
         headings = self.headings[0]
-        held = self.certified_slices(headings).component(pose) is not None
+        held = self._mapped and self.certified_slices(headings).component(pose) is not None
         return self.roadmap(headings).field(pose) if held else None
 
     def spread(self, most: int) -> Array:
         """Poses all over the roads, at most so many, (m, 3); none if no slice is free."""
-        if not len(self.certified_slices(self.headings[0]).parts):
+        if not self._mapped or not len(self.certified_slices(self.headings[0]).parts):
             return np.empty((0, 3))
         poses = self.roadmap(self.headings[0]).poses
         return poses[:: max(1, -(-len(poses) // most))]
 
     def apart(self, start: Array, goal: Array) -> Bools:
         """True for poses (a, 3) and (b, 3) in different components of coarse F-, (a, b)."""
+        if not self._mapped:
+            return np.zeros((len(start), len(goal)), dtype=bool)
         slices = self.certified_slices(self.headings[0])
         known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
         here, there = (np.array([-1 if c is None else c for c in each]) for each in known)
@@ -235,13 +251,19 @@ class Drives:
         return min((found for found in drives if found is not None), key=self.time_s, default=None)
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
-        for headings in fineness:
-            found = self._roads(headings, start, goal)
-            if found is not None:
+        if self._mapped:
+            found = self._roads(self.headings[0], start, goal)
+            if found is not None or self.blocked(self.headings[0], start, goal):
                 return found
-            if self.blocked(headings, start, goal):
-                return None
-        return None
+        proof = self.proof(start, goal)
+        found = way(self.room, self.footprint.radius_m, start, goal, proof)
+        return None if found is None else self._shortened(continued(found), proof)
+
+    @cached_property
+    def _mapped(self) -> bool:
+        """Whether what is around is so little that slices of all of it are soon made."""
+        parts = sum(len(item.corners_m) for item in self.world.obstacles)
+        return parts * len(self.footprint.outer) <= _MOST_SUMS
 
     def _roads(self, headings: int, start: Array, goal: Array) -> Array | None:
         """A drive along the roads of slices, made shorter, or one that goes round elsewhere."""
@@ -254,11 +276,15 @@ class Drives:
             return None
         other = field.other_path(back, path, self.footprint.radius_m, _ELSEWHERE)
         ways = [
-            continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
+            continued(np.array([start, *each, goal])) for each in (path, other) if each is not None
         ]
-        times, proof = self.leg_times_s, self.proof(start, goal)
-        poses = min((shortest(way, times, proof) for way in ways), key=self.time_s)
-        return shortest(improved(poses, times, proof), times, proof)
+        proof = self.proof(start, goal)
+        poses = min((shortest(each, self.leg_times_s, proof) for each in ways), key=self.time_s)
+        return self._shortened(poses, proof)
+
+    def _shortened(self, poses: Array, proof: Proof) -> Array:
+        times = self.leg_times_s
+        return shortest(improved(shortest(poses, times, proof), times, proof), times, proof)
 
     def ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
         """Poses in one component of F- that straight legs join to start and goal."""
