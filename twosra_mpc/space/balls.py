@@ -20,11 +20,11 @@ import numpy as np
 import shapely
 
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.model.flow import twists
 from twosra_mpc.problem.tolerances import ROUNDING_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array, rotation, wrapped
 from twosra_mpc.space.footprint import Footprint
-from twosra_mpc.model.flow import twists
 from twosra_mpc.space.screws import Proof, continued, moved
 
 _COARSEST_M, _LEVELS = 0.064, 10  # spacings of lattices: to a sixteenth of a millimetre
@@ -65,7 +65,7 @@ class Room:
         self._edges = None if world.workspace is None else world.workspace.corners_m
 
     def roughly(self) -> Room:
-        """The same with outlines of fewer corners, and nothing to keep: to find ways, not to prove."""
+        """The same with outlines of fewer corners, and nothing to keep: to find ways by."""
         other = copy(self)
         other.kept_m, other._solid = 0.0, shapely.simplify(self._solid, _ROUGHLY_M)
         shapely.prepare(other._solid)

@@ -19,7 +19,6 @@ from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.space.balls import Room, way
 from twosra_mpc.space.footprint import SAGITTA_M, footprint, kept_m
 from twosra_mpc.space.screws import (
     Bools,
@@ -37,6 +36,7 @@ from twosra_mpc.space.screws import (
 from twosra_mpc.space.separation import Separation
 
 if TYPE_CHECKING:  # they import shapely
+    from twosra_mpc.space.balls import Room
     from twosra_mpc.space.roadmap import Field, Roadmap
     from twosra_mpc.space.slices import FreeSlices
 
@@ -90,11 +90,21 @@ class Drives:
     @cached_property
     def room(self) -> Room:
         """What is around it, by distance."""
+        from twosra_mpc.space.balls import Room
+
         fine = footprint(self.geometry, self.kappa, _SEEN_M).holding(self._held)
         return Room(fine, self.world, self.kept_m)
 
+    @cached_property
+    def _few(self) -> bool:
+        """Whether what is around is so little that slices of all of it are soon made."""
+        corners = sum(len(item.corners_m) for item in self.world.obstacles)
+        return corners * len(self.footprint.outer) <= _MOST_SUMS
+
     def clear(self, poses: Array) -> Array:
         """Lower bounds of what poses (m, 3) keep, (m,) [m]; at least ``kept_m`` is allowed."""
+        if self._few:
+            return self.separation.distances(poses)
         return self.room.spare_m(poses) + self.kept_m
 
     # Time and clearance of legs.
@@ -194,19 +204,19 @@ class Drives:
     def field(self, pose: Array) -> Field | None:
         """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
         headings = self.headings[0]
-        held = self._mapped and self.certified_slices(headings).component(pose) is not None
+        held = self._few and self.certified_slices(headings).component(pose) is not None
         return self.roadmap(headings).field(pose) if held else None
 
     def spread(self, most: int) -> Array:
         """Poses all over the roads, at most so many, (m, 3); none if no slice is free."""
-        if not self._mapped or not len(self.certified_slices(self.headings[0]).parts):
+        if not self._few or not len(self.certified_slices(self.headings[0]).parts):
             return np.empty((0, 3))
         poses = self.roadmap(self.headings[0]).poses
         return poses[:: max(1, -(-len(poses) // most))]
 
     def apart(self, start: Array, goal: Array) -> Bools:
         """True for poses (a, 3) and (b, 3) in different components of coarse F-, (a, b)."""
-        if not self._mapped:
+        if not self._few:
             return np.zeros((len(start), len(goal)), dtype=bool)
         slices = self.certified_slices(self.headings[0])
         known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
@@ -242,28 +252,25 @@ class Drives:
 
     def _by_few(self, by: ByFew, start: Array, goal: Array, proof: Proof) -> Array | None:
         """A drive by one or two poses, made shorter."""
-        times = self.leg_times_s
-        found = by(start, goal, self._free, times, proof)
-        return None if found is None else shortest(improved(found, times, proof), times, proof)
+        found = by(start, goal, self._free, self.leg_times_s, proof)
+        return None if found is None else self._improved(found, proof)
 
     def _quicker(self, *drives: Array | None) -> Array | None:
         """The quickest of drives, as far as they were found."""
         return min((found for found in drives if found is not None), key=self.time_s, default=None)
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
-        if self._mapped:
+        if self._few:
             found = self._roads(self.headings[0], start, goal)
             if found is not None or self.blocked(self.headings[0], start, goal):
                 return found
-        proof = self.proof(start, goal)
-        found = way(self.room, self.footprint.radius_m, start, goal, proof)
-        return None if found is None else self._shortened(continued(found), proof)
+        from twosra_mpc.space.balls import way
 
-    @cached_property
-    def _mapped(self) -> bool:
-        """Whether what is around is so little that slices of all of it are soon made."""
-        parts = sum(len(item.corners_m) for item in self.world.obstacles)
-        return parts * len(self.footprint.outer) <= _MOST_SUMS
+        proof, radius_m = self._by_room, self.footprint.radius_m
+        found = way(self.room, radius_m, start, goal, proof)
+        if found is None:
+            return None
+        return self._improved(shortest(continued(found), self.leg_times_s, proof), proof)
 
     def _roads(self, headings: int, start: Array, goal: Array) -> Array | None:
         """A drive along the roads of slices, made shorter, or one that goes round elsewhere."""
@@ -280,11 +287,16 @@ class Drives:
         ]
         proof = self.proof(start, goal)
         poses = min((shortest(each, self.leg_times_s, proof) for each in ways), key=self.time_s)
-        return self._shortened(poses, proof)
+        return self._improved(poses, proof)
 
-    def _shortened(self, poses: Array, proof: Proof) -> Array:
-        times = self.leg_times_s
-        return shortest(improved(shortest(poses, times, proof), times, proof), times, proof)
+    def _by_room(self, start: Array, end: Array) -> Bools:
+        """As `clear_legs`, by the outline instead of its pieces."""
+        twist, radius_m = twists(start, end), self.footprint.radius_m
+        found = clear_legs(self.room.spare_m, start, twist, radius_m, 0.0)
+        return found if self._may is None else found & self._may(twist)
+
+    def _improved(self, poses: Array, proof: Proof) -> Array:
+        return shortest(improved(poses, self.leg_times_s, proof), self.leg_times_s, proof)
 
     def ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
         """Poses in one component of F- that straight legs join to start and goal."""
