@@ -29,13 +29,13 @@ from twosra_mpc.space.screws import Proof, continued, moved
 
 _COARSEST_M, _LEVELS = 0.064, 10  # spacings of lattices: to a sixteenth of a millimetre
 _FINEST_M = _COARSEST_M / (1 << _LEVELS)
-_STEP, _AHEAD = 1.5, 1.25  # of radii that neighbours are away; weight of what is left of a way
+_STEP, _AHEAD = 1.5, 1.5  # of radii that neighbours are away; weight of what is left of a way
 _AT_ONCE = 24  # balls whose neighbours are looked at
 _STEPS = np.array([s for s in itertools.product((-1, 0, 1), repeat=3) if np.abs(s).sum() < 2])
 
 _ROUGHLY_M, _GRID_M, _FAR_M = 1e-4, 1e-9, 10.0
 _LIFT_M, _LEAST_LIFT_M, _LIFTS = 1e-3, 2e-5, 40
-_ENOUGH_M, _MENDS = 1e-3, 6
+_ENOUGH_M = 1e-3
 _AROUND = np.array(
     [s for s in itertools.product((-1.0, 0.0, 1.0), repeat=3) if np.abs(s).sum() % 2]
 )
@@ -73,7 +73,7 @@ class Room:
 
     def spare_m(self, poses: Array) -> Array:
         """By how much poses (m, 3) keep more than they must, or less if negative, (m,) [m]."""
-        charge(Cost.DISTANCE, 2 * len(poses))
+        charge(Cost.BALL, len(poses))
         found = np.full(len(poses), _FAR_M)
         for outline in self._outlines:
             placed = outline @ rotation(poses[:, 2]) + poses[:, None, :2]
@@ -130,22 +130,23 @@ def way(room: Room, radius_m: float, start: Array, goal: Array, proof: Proof) ->
 
 
 def _mended(room: Room, radius_m: float, poses: Array, proof: Proof) -> Array | None:
-    """Poses (m, 3) with others between them where legs are not clear; None: some never are."""
-    clear: dict[bytes, bool] = {}
-    for _ in range(_MENDS):
-        poses = poses[room.spare_m(poses) >= 0]
-        legs = np.column_stack([poses[:-1], poses[1:]])
-        names = [leg.tobytes() for leg in legs]
-        new = np.array([name not in clear for name in names])
-        proved = proof(legs[new, :3], legs[new, 3:]).tolist()
-        clear |= zip(itertools.compress(names, new), proved, strict=True)
-        bad = np.flatnonzero([not clear[name] for name in names])
-        if not len(bad):
-            return poses
-        half = moved(poses[bad], twists(poses[bad], poses[bad + 1]), np.full(len(bad), 0.5))
-        between = lifted(room.spare_m, radius_m, np.vstack([poses[:1], half, poses[:1]]), _ENOUGH_M)
-        poses = np.insert(poses, bad + 1, between[1:-1], axis=0)
-    return None
+    """Poses (m, 3) with ways between them by balls where legs are not clear; None: some have none.
+
+    First a pose between the two, lifted, may do.
+    """
+    poses = poses[room.spare_m(poses) >= 0]
+    bad = np.flatnonzero(~proof(poses[:-1], poses[1:]))
+    half = moved(poses[bad], twists(poses[bad], poses[bad + 1]), np.full(len(bad), 0.5))
+    half = lifted(room.spare_m, radius_m, np.vstack([poses[:1], half, poses[:1]]), _ENOUGH_M)[1:-1]
+    mended = proof(poses[bad], half) & proof(half, poses[bad + 1])
+    ways: dict[int, Array] = dict(zip(bad[mended].tolist(), half[mended, None], strict=True))
+    for k in bad[~mended].tolist():
+        by = Balls(room.spare_m, radius_m, poses[k : k + 2]).way()
+        if by is None:
+            return None
+        ways[k] = by[1:-1]
+    parts = [np.vstack([pose[None], ways.get(k, pose[None][:0])]) for k, pose in enumerate(poses)]
+    return np.concatenate(parts)
 
 
 def _pulled(poses: Array, proof: Proof) -> Array:
@@ -229,10 +230,6 @@ class Balls:
         heap = side.waiting[level]
         places = [heapq.heappop(heap) for _ in range(min(_AT_ONCE, len(heap)))]
         few, lattices = np.array([place[1:] for place in places]).T
-        again = (lattices == self._levels(self._spare[few])) & (lattices < _LEVELS)
-        for i in np.flatnonzero(again).tolist():
-            about_m, ball, lattice = places[i]
-            side.waiting[max(lattice + 1, level)].append((about_m, ball, lattice + 1))
         step = (1 << (_LEVELS - lattices))[:, None]
         own = np.rint((self._poses[few] - self._ends[0]) / self._unit / step).astype(np.int64)
         near = self._balls(((own[:, None] + _STEPS) * step[:, None]).reshape(-1, 3)).reshape(-1, 7)
@@ -240,6 +237,10 @@ class Balls:
         by_m = self._travel_m(self._poses[here], self._poses[near])
         joined = (by_m <= self._spare[here] + self._spare[near]) & (self._spare[near] >= 0)
         ahead_m = self._travel_m(self._poses[near], self._ends[1 - k])
+        again = ~joined.all(axis=1) & (lattices == self._levels(self._spare[few]))
+        for i in np.flatnonzero(again).tolist() if level < _LEVELS else ():
+            about_m, ball, lattice = places[i]
+            side.waiting[level + 1].append((about_m, ball, lattice + 1))
         row, column = np.nonzero(joined)
         links = few[row], near[row, column], by_m[row, column], ahead_m[row, column]
         own = self._levels(self._spare[near[row, column]])
