@@ -60,14 +60,18 @@ class Room:
         thin = shapely.get_parts(shapely.buffer(outline, -ROUNDING_M / 2, join_style="mitre"))
         self._outlines = [shapely.get_coordinates(part.exterior) for part in thin]
         polygons = [shapely.Polygon(obstacle.corners_m) for obstacle in world.obstacles]
-        self._solid = shapely.union_all(polygons, grid_size=_GRID_M)
-        shapely.prepare(self._solid)
+        self._exact = shapely.union_all(polygons, grid_size=_GRID_M)
+        grown = shapely.buffer(self._exact, _ROUGHLY_M / 2, join_style="mitre", mitre_limit=1.5)
+        simple = shapely.simplify(grown, _ROUGHLY_M / 2)
+        self._solid = simple if shapely.covers(simple, self._exact) else self._exact
+        shapely.prepare([self._solid, self._exact])
         self._edges = None if world.workspace is None else world.workspace.corners_m
 
     def roughly(self) -> Room:
         """The same with outlines of fewer corners, and nothing to keep: to find ways by."""
         other = copy(self)
-        other.kept_m, other._solid = 0.0, shapely.simplify(self._solid, _ROUGHLY_M)
+        other.kept_m = 0.0
+        other._solid = other._exact = shapely.simplify(self._exact, _ROUGHLY_M)
         shapely.prepare(other._solid)
         return other
 
@@ -78,8 +82,13 @@ class Room:
         for outline in self._outlines:
             placed = outline @ rotation(poses[:, 2]) + poses[:, None, :2]
             if not shapely.is_empty(self._solid):
-                apart = shapely.distance(self._solid, shapely.polygons(placed))
-                found = np.minimum(found, apart - self.kept_m - ROUNDING_M)
+                drawn = shapely.polygons(placed)
+                spare = shapely.distance(self._solid, drawn) - self.kept_m - ROUNDING_M
+                if self._exact is not self._solid:  # asked where what is simpler may decide
+                    near = np.abs(spare) < 2 * _ROUGHLY_M
+                    apart = shapely.distance(self._exact, drawn[near])
+                    spare[near] = apart - self.kept_m - ROUNDING_M
+                found = np.minimum(found, spare)
             if self._edges is not None:
                 low, high = self._edges
                 inside = np.minimum(placed.min(axis=1) - low, high - placed.max(axis=1))
