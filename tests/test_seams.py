@@ -336,10 +336,11 @@ def test_the_top_level_stays_small() -> None:
 # limit of singular shapes, in plans, bounds and checks, 300 and two files the ways past them, the
 # proofs that there are none, and the room that a unit needs. 190 and a file are drives that turn,
 # 26 keep the memory of proofs small, 60 in the loop tell when metal has coasted long enough, and
-# 40 plan as if no obstacle were there.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_424, 201
-MOST_LINES = 37_448
-MOST_LINES_OF_TESTS = 32_112
+# 40 plan as if no obstacle were there. 250 find ways by balls of free poses, in maps of hundreds of
+# polygons and along outlines that are rough, which had no plan; 30 of tests prove these.
+MOST_CORE_LINES, MOST_CORE_FILES = 28_674, 201
+MOST_LINES = 37_698
+MOST_LINES_OF_TESTS = 32_142
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 

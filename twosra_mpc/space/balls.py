@@ -15,6 +15,7 @@ import heapq
 import itertools
 from collections.abc import Callable
 from copy import copy
+from typing import Any
 
 import numpy as np
 import shapely
@@ -82,8 +83,8 @@ class Room:
         for outline in self._outlines:
             placed = outline @ rotation(poses[:, 2]) + poses[:, None, :2]
             if not shapely.is_empty(self._solid):
-                drawn = shapely.polygons(placed)
-                spare = shapely.distance(self._solid, drawn) - self.kept_m - ROUNDING_M
+                drawn: Any = shapely.polygons(placed)
+                spare: Array = shapely.distance(self._solid, drawn) - self.kept_m - ROUNDING_M
                 if self._exact is not self._solid:  # asked where what is simpler may decide
                     near = np.abs(spare) < 2 * _ROUGHLY_M
                     apart = shapely.distance(self._exact, drawn[near])
