@@ -76,6 +76,12 @@ class Room:
         shapely.prepare(other._solid)
         return other
 
+    def simply(self) -> Room:
+        """The same by outlines of fewer corners around those that are there."""
+        other = copy(self)
+        other._exact = self._solid
+        return other
+
     def spare_m(self, poses: Array) -> Array:
         """By how much poses (m, 3) keep more than they must, or less if negative, (m,) [m]."""
         charge(Cost.BALL, len(poses))
@@ -151,7 +157,9 @@ def _mended(room: Room, radius_m: float, poses: Array, proof: Proof) -> Array | 
     mended = proof(poses[bad], half) & proof(half, poses[bad + 1])
     ways: dict[int, Array] = dict(zip(bad[mended].tolist(), half[mended, None], strict=True))
     for k in bad[~mended].tolist():
-        by = Balls(room.spare_m, radius_m, poses[k : k + 2]).way()
+        several = (each.spare_m for each in (room.simply(), room))
+        ways_by = (Balls(spare_m, radius_m, poses[k : k + 2]).way() for spare_m in several)
+        by = next((found for found in ways_by if found is not None), None)
         if by is None:
             return None
         ways[k] = by[1:-1]
