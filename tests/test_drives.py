@@ -17,6 +17,7 @@ from twosra_mpc.problem.speeds import rigid_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID
+from twosra_mpc.space.balls import Balls, Room
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint, kept_m
 from twosra_mpc.space.lattice import lattice
@@ -37,6 +38,32 @@ def along(poses: Array, points: int = 60) -> Array:
     shares = np.tile(np.linspace(0, 1, points), len(poses) - 1)
     start, end = (np.repeat(part, points, axis=0) for part in (poses[:-1], poses[1:]))
     return moved(start, twists(start, end), shares)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_balls_are_free_and_a_way_through_them_is_clear(seed: int) -> None:
+    """What a pose spares is no more than there is, and all within that travel of it is free."""
+    rng, world, geometry = np.random.default_rng(seed), random_world(seed), ARC_ROBOT.geometry
+    outlines = [shapely.Polygon(each.corners_m).segmentize(2e-3) for each in world.obstacles]
+    corners = [shapely.get_coordinates(outline)[:-1] for outline in outlines]
+    world = world.with_values(
+        obstacles=[{"polygon_m": c + rng.uniform(-1e-4, 1e-4, c.shape)} for c in corners]
+    )
+    pieces = footprint(geometry, BENT, 5e-5)
+    room, radius_m = Room(pieces, world, kept_m(world, geometry)), pieces.radius_m
+    poses = rng.uniform([-0.5, -0.5, -np.pi], [0.5, 0.5, np.pi], (150, 3))
+    spare_m = room.spare_m(poses)
+    free = poses[spare_m > 0], spare_m[spare_m > 0]
+    assert (free[1] <= true_margins(world, BENT, free[0]) + 1e-6).all()
+    turns = rng.uniform(-1, 1, len(free[1]))
+    angle, by = rng.uniform(-np.pi, np.pi, len(turns)), free[1] * (1 - np.abs(turns))
+    within = np.column_stack([by * np.cos(angle), by * np.sin(angle), turns * free[1] / radius_m])
+    assert true_margins(world, BENT, free[0] + within).min() >= -2e-6
+    start, goal = free[0][0], free[0][-1]
+    found = Balls(room.spare_m, radius_m, np.array([start, goal])).way()
+    assert found is not None
+    assert np.abs(found[[0, -1]] - [start, goal])[:, :2].max() == 0
+    assert true_margins(world, BENT, along(found, 3)).min() >= -2e-6
 
 
 def test_screws_end_where_they_should_with_a_constant_twist() -> None:

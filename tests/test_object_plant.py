@@ -15,8 +15,8 @@ from twosra_mpc import Problem, load_problem, load_robot
 from twosra_mpc.contact.touch import grasp_touches
 from twosra_mpc.execution.simulation.object_plant import SQUEEZED_M, ObjectPlant
 from twosra_mpc.robot.coordinates import POSE, composed, inverse
+from twosra_mpc.space.contour import Pieces, Thing
 from twosra_mpc.space.footprint import footprints
-from twosra_mpc.space.penetration import Pieces, Thing
 from twosra_mpc.space.separation import placed
 
 Array = NDArray[np.float64]

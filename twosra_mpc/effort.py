@@ -61,6 +61,7 @@ class Cost:
     CELL = 300  # a thousand cells of the plane of shapes in a bend
     # Among obstacles and objects.
     DISTANCE = 11  # a piece, or all, against a part of an obstacle, by separating axes
+    BALL = 300  # the distance of an outline to all that is around
     LEG = 1  # a coordinate of a leg whose time is asked
     TOUCH = 400  # a configuration at an outline
     SLICE = 1500  # what is free at a heading

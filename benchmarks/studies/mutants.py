@@ -45,7 +45,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/space/convex.py": ("test_slices",),
     "twosra_mpc/space/minkowski.py": ("test_slices",),
-    "twosra_mpc/space/penetration.py": ("test_object_plant",),
+    "twosra_mpc/space/contour.py": ("test_object_plant",),
     "twosra_mpc/problem/tolerances.py": ("test_tolerance", "test_attack", "test_verify_command"),
     "twosra_mpc/checking/sweep.py": ("test_forged_plans", "test_checking_missions"),
     "twosra_mpc/checking/reintegration.py": ("test_verification", "test_forged_plans"),

@@ -28,7 +28,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 if TYPE_CHECKING:
-    from twosra_mpc.space.penetration import Thing
+    from twosra_mpc.space.contour import Thing
     from twosra_mpc.space.possible import Enclosure
 
 
@@ -225,7 +225,7 @@ def fitted(problem: Problem, q: Array, poses: Array, held: list[int]) -> Array:
     Objects that seem to overlap it are moved out of it, the shortest way: poses (objects, 3) are
     changed. Where one that is held has no room, the robot cannot be bent as far as it seems.
     """
-    from twosra_mpc.space.penetration import Thing
+    from twosra_mpc.space.contour import Thing
 
     things = [Thing(item) for item in problem.objects]
     for share in np.linspace(1.0, _LEAST_BENT, _TRIES):
@@ -239,8 +239,8 @@ def fitted(problem: Problem, q: Array, poses: Array, held: list[int]) -> Array:
 
 def _moved_out(problem: Problem, q: Array, pose: Array, thing: Thing) -> bool:
     """Move an object out of the robot, and return whether that could be done; pose is changed."""
+    from twosra_mpc.space.contour import Pieces
     from twosra_mpc.space.footprint import footprint
-    from twosra_mpc.space.penetration import Pieces
     from twosra_mpc.space.separation import placed
 
     pieces = footprint(problem.robot.geometry, q[POSE:], _SAGITTA_M).outer

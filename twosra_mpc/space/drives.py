@@ -36,6 +36,7 @@ from twosra_mpc.space.screws import (
 from twosra_mpc.space.separation import Separation
 
 if TYPE_CHECKING:  # they import shapely
+    from twosra_mpc.space.balls import Room
     from twosra_mpc.space.roadmap import Field, Roadmap
     from twosra_mpc.space.slices import FreeSlices
 
@@ -45,6 +46,10 @@ _DETOUR = 1.5  # times the straight leg: as long a drive by few poses is taken w
 _ELSEWHERE = 1.25  # times the fastest road: as long is one that goes round elsewhere, at most
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _FINE_M = 1e-5  # sagitta of what is drawn finely, where an end touches what is around it
+_SEEN_M = 5e-5  # sagitta of the outline by which legs are proved
+_MOST_SUMS = (
+    1500  # corners around times pieces: of more no map is made, ways are looked for one by one
+)
 _NOTHING = np.zeros((0, 4, 2))
 
 
@@ -78,10 +83,29 @@ class Drives:
         self.rows, self._wheels = drive_rows(robot, self.kappa)
         self._most_rad_s2 = robot.limits.wheel_acceleration_rad_s2 or np.inf
         self.separation = Separation(self.footprint, world, self.kept_m)
-        self.clear = self.separation.distances
         self._certified: dict[int, FreeSlices] = {}
         self._possible: dict[tuple[int, float], FreeSlices] = {}
         self._roadmaps: dict[int, Roadmap] = {}
+
+    @cached_property
+    def room(self) -> Room:
+        """What is around it, by distance."""
+        from twosra_mpc.space.balls import Room
+
+        fine = footprint(self.geometry, self.kappa, _SEEN_M).holding(self._held)
+        return Room(fine, self.world, self.kept_m)
+
+    @cached_property
+    def _few(self) -> bool:
+        """Whether what is around is so little that slices of all of it are soon made."""
+        corners = sum(len(item.corners_m) for item in self.world.obstacles)
+        return corners * len(self.footprint.outer) <= _MOST_SUMS
+
+    def clear(self, poses: Array) -> Array:
+        """Lower bounds of what poses (m, 3) keep, (m,) [m]; at least ``kept_m`` is allowed."""
+        if self._few:
+            return self.separation.distances(poses)
+        return self.room.spare_m(poses) + self.kept_m
 
     # Time and clearance of legs.
 
@@ -114,7 +138,7 @@ class Drives:
         It keeps the clearance, or from each thing that is nearer to that pose what the pose does:
         at least so much, as far as that can be drawn.
         """
-        if (self.separation.to_things(end) >= self.kept_m).all():
+        if self.clear(end[None])[0] >= self.kept_m:
             return None
         own_m = self._finely.to_things(end)
         return self.kept_m - np.clip(own_m, least_m - 2 * _FINE_M, self.kept_m)
@@ -180,18 +204,20 @@ class Drives:
     def field(self, pose: Array) -> Field | None:
         """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
         headings = self.headings[0]
-        held = self.certified_slices(headings).component(pose) is not None
+        held = self._few and self.certified_slices(headings).component(pose) is not None
         return self.roadmap(headings).field(*pose) if held else None
 
     def spread(self, most: int) -> Array:
         """Poses all over the roads, at most so many, (m, 3); none if no slice is free."""
-        if not len(self.certified_slices(self.headings[0]).parts):
+        if not self._few or not len(self.certified_slices(self.headings[0]).parts):
             return np.empty((0, 3))
         poses = self.roadmap(self.headings[0]).poses
         return poses[:: max(1, -(-len(poses) // most))]
 
     def apart(self, start: Array, goal: Array) -> Bools:
         """True for poses (a, 3) and (b, 3) in different components of coarse F-, (a, b)."""
+        if not self._few:
+            return np.zeros((len(start), len(goal)), dtype=bool)
         slices = self.certified_slices(self.headings[0])
         known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
         here, there = (np.array([-1 if c is None else c for c in each]) for each in known)
@@ -226,22 +252,25 @@ class Drives:
 
     def _by_few(self, by: ByFew, start: Array, goal: Array, proof: Proof) -> Array | None:
         """A drive by one or two poses, made shorter."""
-        times = self.leg_times_s
-        found = by(start, goal, self._free, times, proof)
-        return None if found is None else shortest(improved(found, times, proof), times, proof)
+        found = by(start, goal, self._free, self.leg_times_s, proof)
+        return None if found is None else self._improved(found, proof)
 
     def _quicker(self, *drives: Array | None) -> Array | None:
         """The quickest of drives, as far as they were found."""
         return min((found for found in drives if found is not None), key=self.time_s, default=None)
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
-        for headings in fineness:
-            found = self._roads(headings, start, goal)
-            if found is not None:
+        if self._few:
+            found = self._roads(self.headings[0], start, goal)
+            if found is not None or self.blocked(self.headings[0], start, goal):
                 return found
-            if self.blocked(headings, start, goal):
-                return None
-        return None
+        from twosra_mpc.space.balls import way
+
+        proof, radius_m = self._by_room, self.footprint.radius_m
+        found = way(self.room, radius_m, start, goal, proof)
+        if found is None:
+            return None
+        return self._improved(shortest(continued(found), self.leg_times_s, proof), proof)
 
     def _roads(self, headings: int, start: Array, goal: Array) -> Array | None:
         """A drive along the roads of slices, made shorter, or one that goes round elsewhere."""
@@ -254,11 +283,20 @@ class Drives:
             return None
         other = field.other_path(back, path, self.footprint.radius_m, _ELSEWHERE)
         ways = [
-            continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
+            continued(np.array([start, *each, goal])) for each in (path, other) if each is not None
         ]
-        times, proof = self.leg_times_s, self.proof(start, goal)
-        poses = min((shortest(way, times, proof) for way in ways), key=self.time_s)
-        return shortest(improved(poses, times, proof), times, proof)
+        proof = self.proof(start, goal)
+        poses = min((shortest(each, self.leg_times_s, proof) for each in ways), key=self.time_s)
+        return self._improved(poses, proof)
+
+    def _by_room(self, start: Array, end: Array) -> Bools:
+        """As `clear_legs`, by the outline instead of its pieces."""
+        twist, radius_m = twists(start, end), self.footprint.radius_m
+        found = clear_legs(self.room.spare_m, start, twist, radius_m, 0.0)
+        return found if self._may is None else found & self._may(twist)
+
+    def _improved(self, poses: Array, proof: Proof) -> Array:
+        return shortest(improved(poses, self.leg_times_s, proof), self.leg_times_s, proof)
 
     def ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
         """Poses in one component of F- that straight legs join to start and goal."""

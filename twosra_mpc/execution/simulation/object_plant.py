@@ -20,9 +20,9 @@ import numpy as np
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.space.contour import Contact, Pieces, Thing
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import footprints
-from twosra_mpc.space.penetration import Contact, Pieces, Thing
 from twosra_mpc.space.separation import arms_m, placed
 
 _Touch = tuple[int, Contact, int | str | None]

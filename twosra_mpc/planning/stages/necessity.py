@@ -27,6 +27,7 @@ from twosra_mpc.space.separation import Separation
 
 _NO_DRIVE = "no drive in the start's shape: proved blocked"
 HEADINGS = (72, 180)  # slices, until something is proved
+_MOST_CORNERS = 20_000  # times slices: more around take longer than what they prove may save
 _MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
 
 
@@ -64,11 +65,13 @@ class Necessity(InTheWay):
 
         What a drive leads past, it must drive: at most at ``limits.speed_m_s``.
         """
-        while self._apart_m is None and self._left:
-            self._left.pop(0)()
         least, count = [0.0] * len(sequence), blocks_of(sequence)
         limits = self.problem.robot.limits
-        if self._apart_m is None or limits.speed_m_s is None or count not in (1, 2):
+        if limits.speed_m_s is None or count not in (1, 2):
+            return least
+        while self._apart_m is None and self._left:
+            self._left.pop(0)()
+        if self._apart_m is None:
             return least
         before, between, after = np.maximum(self._apart_m, 0.0) / limits.speed_m_s
         drives = [i for i, mode in enumerate(sequence) if is_rigid(mode)]
@@ -103,6 +106,9 @@ class Necessity(InTheWay):
         known = not np.isnan(goal[POSE:]).any()
         known &= problem.goal.half_width[POSE:].max() <= _MOST_PER_M
         if not (solid and known and problem.obstacles):  # only then ``soft_travel_m`` is a rule
+            return
+        corners = sum(len(item.corners_m) for item in problem.obstacles)
+        if headings * corners > _MOST_CORNERS:
             return
         from twosra_mpc.space.possible import Region, components_in
         from twosra_mpc.space.slices import possible_slices
