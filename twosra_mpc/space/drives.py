@@ -260,10 +260,12 @@ class Drives:
         return min((found for found in drives if found is not None), key=self.time_s, default=None)
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
-        if self._few:
-            found = self._roads(self.headings[0], start, goal)
-            if found is not None or self.blocked(self.headings[0], start, goal):
+        for headings in fineness if self._few else ():
+            found = self._roads(headings, start, goal)
+            if found is not None or self.blocked(headings, start, goal):
                 return found
+        if self._few:
+            return None
         from twosra_mpc.space.balls import way
 
         proof, radius_m = self._by_room, self.footprint.radius_m
