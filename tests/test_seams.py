@@ -338,8 +338,8 @@ def test_the_top_level_stays_small() -> None:
 # 26 keep the memory of proofs small, 60 in the loop tell when metal has coasted long enough, and
 # 40 plan as if no obstacle were there. 250 find ways by balls of free poses, in maps of hundreds of
 # polygons and along outlines that are rough, which had no plan; 30 of tests prove these.
-MOST_CORE_LINES, MOST_CORE_FILES = 28_674, 201
-MOST_LINES = 37_698
+MOST_CORE_LINES, MOST_CORE_FILES = 28_680, 201
+MOST_LINES = 37_704
 MOST_LINES_OF_TESTS = 32_142
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 

@@ -260,11 +260,11 @@ class Drives:
         return min((found for found in drives if found is not None), key=self.time_s, default=None)
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
-        for headings in fineness if self._few else ():
-            found = self._roads(headings, start, goal)
-            if found is not None or self.blocked(headings, start, goal):
-                return found
         if self._few:
+            for headings in fineness:
+                found = self._roads(headings, start, goal)
+                if found is not None or self.blocked(headings, start, goal):
+                    return found
             return None
         from twosra_mpc.space.balls import way
 
