@@ -36,7 +36,7 @@ _STEPS = np.array([s for s in itertools.product((-1, 0, 1), repeat=3) if np.abs(
 
 _ROUGHLY_M, _GRID_M, _FAR_M = 1e-4, 1e-9, 10.0
 _LIFT_M, _LEAST_LIFT_M, _LIFTS = 1e-3, 2e-5, 40
-_ENOUGH_M = 1e-3
+_ENOUGH_M, _MOST = 1e-3, 100_000  # balls: a way that needs more is too narrow
 _AROUND = np.array(
     [s for s in itertools.product((-1.0, 0.0, 1.0), repeat=3) if np.abs(s).sum() % 2]
 )
@@ -224,7 +224,7 @@ class Balls:
         for level in range(_LEVELS + 1):
             for side in self._sides:
                 heapq.heapify(side.waiting[level])
-            while all(side.waiting[level] for side in self._sides):
+            while self._size < _MOST and all(side.waiting[level] for side in self._sides):
                 fewer = int(len(self._sides[0].cost_m) > len(self._sides[1].cost_m))
                 if (met := self._grow(fewer, level)) is not None:
                     return self._through(met)

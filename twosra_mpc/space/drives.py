@@ -261,9 +261,11 @@ class Drives:
 
     def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
         if self._few:
-            found = self._roads(self.headings[0], start, goal)
-            if found is not None or self.blocked(self.headings[0], start, goal):
-                return found
+            for headings in fineness:
+                found = self._roads(headings, start, goal)
+                if found is not None or self.blocked(headings, start, goal):
+                    return found
+            return None
         from twosra_mpc.space.balls import way
 
         proof, radius_m = self._by_room, self.footprint.radius_m
