@@ -122,9 +122,10 @@ def test_files_hold_the_same_path(tmp_path: Path) -> None:
         line = Follow(path=str(name)).line  # type: ignore[arg-type]
         assert line.length_m[-1] == pytest.approx(0.6)
         assert line.at(np.array([0.45])) == pytest.approx(np.array([[0.3, 0.15]]))
-    svg.write_text('<svg><path d="M0 0 h300 M500 0 h10"/></svg>')
-    with pytest.raises(InputError, match="without a jump"):
-        Follow(path=str(svg))  # type: ignore[arg-type]
+    for data, words in (("h300 M500 0 h10", "without a jump"), ("C 10 20 30", "6 numbers after")):
+        svg.write_text(f'<svg><path d="M0 0 {data}"/></svg>')
+        with pytest.raises(InputError, match=words):
+            Follow(path=str(svg))  # type: ignore[arg-type]
 
 
 def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(

@@ -338,11 +338,11 @@ def test_the_top_level_stays_small() -> None:
 # 26 keep the memory of proofs small, 60 in the loop tell when metal has coasted long enough, and
 # 40 plan as if no obstacle were there. 150 are drives that turn in missions and among obstacles.
 # 590 and three files are the task that follows a path, with its check by other code and what a run
-# that is pushed away does; 250 and 30 of tests find ways by balls of free poses, in maps of hundreds of
-# polygons and along outlines that are rough, which had no plan.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_381, 204
-MOST_LINES = 38_405
-MOST_LINES_OF_TESTS = 32_260
+# that is pushed away does; 250 and 30 of tests find ways by balls of free poses, in maps of
+# hundreds of polygons and along outlines that are rough, which had no plan.
+MOST_CORE_LINES, MOST_CORE_FILES = 29_379, 204
+MOST_LINES = 38_403
+MOST_LINES_OF_TESTS = 32_261
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 

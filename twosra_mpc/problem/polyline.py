@@ -217,7 +217,9 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
         count = _NUMBERS.get(command.upper())
         if count is None or (not count and k < len(signs) and signs[k][1]):
             raise InputError("path", command or data[:20], f"commands {' '.join(_NUMBERS)}")
-        numbers = [float(number) for _, number in signs[k : k + count]]
+        numbers = [float(number) for _, number in signs[k : k + count] if number]
+        if len(numbers) < count:
+            raise InputError("path", data[-20:], f"{count} numbers after each {command}")
         yield command, numbers
         k += count
         command = {"M": "L", "m": "l"}.get(command, command)
