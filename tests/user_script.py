@@ -12,6 +12,7 @@ from twosra_mpc import (
     Carry,
     Conform,
     Disc,
+    Follow,
     Goal,
     Grasp,
     InputError,
@@ -93,6 +94,7 @@ tasks: list[Task] = [
     Conform(object="pillar", segments=[1, 2]),
     Grasp(object="cup", hold="pushed"),
     Carry(object="cup", x_m=0.1, y_m=0.1, phi_rad=0.0),
+    Follow(object="cup", path=[(0.1, 0.1), (0.2, 0.1)]),
     Release(object="cup"),
 ]
 mission = Problem(

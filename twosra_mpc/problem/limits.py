@@ -166,7 +166,6 @@ WHEEL_INDEPENDENCE = ShapeLimit(
     driving=True,
 )
 SHAPE_LIMITS = (CURVATURE, UNIT_GAP, BODY_GAP, WHEEL_INDEPENDENCE)
-_ROUNDINGS = np.array([limit.rounding for limit in SHAPE_LIMITS])
 
 WHEEL_SPEED = SpeedLimit(
     name="wheel_speed_rad_s",
@@ -243,7 +242,7 @@ def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
     for limit, row in zip(SHAPE_LIMITS, values.T, strict=True):
         if limit.nearer is not None and (near := row < FAR_M).any():
             row[near] = limit.nearer(robot.body, shapes[near])
-    values[np.abs(values) <= _ROUNDINGS] = 0.0
+    values[np.abs(values) <= [limit.rounding for limit in SHAPE_LIMITS]] = 0.0
     return {limit.name: row for limit, row in zip(SHAPE_LIMITS, values.T, strict=True)}
 
 
