@@ -104,13 +104,13 @@ class Driving:
         if belief.guard is not None:
             soon = course.plan.trajectory.configuration(course.clock_s + _SOON_S)
             slower = belief.guard.pace(np.vstack([belief.q, soon]), belief.deviation)
-        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen, slower)).wheel_rad_s
+        pace = min(slower, self.patience.tube / off) if off else slower
+        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen, pace)).wheel_rad_s
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
         command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, course.soft_for_s)
         if not over:
-            pace = min(slower, self.patience.tube / off) if off else slower
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s
         if not over or off < self.patience.stuck * self._best:
