@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from twosra_mpc import Follow, InputError, Problem, load_problem, load_robot, plan
+from twosra_mpc import Follow, InputError, Problem, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
@@ -112,6 +112,20 @@ def test_a_path_that_begins_elsewhere_says_what_to_do_before() -> None:
     found = plan(Problem(robot=ROBOT, start=start, tasks=tasks))  # type: ignore[arg-type]
     assert found.plan is None
     assert "begins 200 mm away" in found.message
+    assert found.status is Status.INFEASIBLE
+
+
+@pytest.mark.parametrize("before", [{"tolerance": {"x_m": 0.02}}, {"x_m": None}, {"phi_rad": None}])
+def test_a_path_begins_where_the_task_before_allows(before: dict[str, Any]) -> None:
+    start = {"x_m": 0.2, "y_m": 0.1, "phi_rad": 0.3, "kappa_per_m": [0.0, 0.0]}
+    box = {"do": "reach", "x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0} | before
+    path = {"do": "follow", "path": [[0.015, 0.0], [0.3, 0.0]], "heading": "free"}
+    tasks: Any = [box, path]
+    problem = Problem(robot=ROBOT, start=start, tasks=tasks, gap=0.2)  # type: ignore[arg-type]
+    if "phi_rad" in before:  # 15 mm beside it, where a heading is no help
+        assert plan(problem).status is Status.FAILED
+    else:
+        assert plan(problem).require().verification.ok
 
 
 def test_files_hold_the_same_path(tmp_path: Path) -> None:

@@ -340,9 +340,9 @@ def test_the_top_level_stays_small() -> None:
 # 590 and three files are the task that follows a path, with its check by other code and what a run
 # that is pushed away does; 250 and 30 of tests find ways by balls of free poses, in maps of
 # hundreds of polygons and along outlines that are rough, which had no plan.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_378, 204
-MOST_LINES = 38_402
-MOST_LINES_OF_TESTS = 32_263
+MOST_CORE_LINES, MOST_CORE_FILES = 29_386, 204
+MOST_LINES = 38_410
+MOST_LINES_OF_TESTS = 32_275
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 

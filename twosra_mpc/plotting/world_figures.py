@@ -62,9 +62,10 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
         middle: dict[str, Any] = {"ha": "center", "va": "center", "color": "0.25"}
         label(ax, name, (x, y), bbox=figures.BEHIND_WORDS, **middle, **words)
     for path in followed(problem):
-        points = path.line.points
+        points = path.line.at(np.linspace(0.0, path.line.length_m[-1], _FINE))
         ahead = np.gradient(points, axis=0)
-        aside = ahead[:, ::-1] * [-1, 1] / np.hypot(*ahead.T)[:, None] * path.position_tolerance_m
+        far = np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]  # none where it turns back
+        aside = ahead[:, ::-1] * [-1, 1] / far * path.position_tolerance_m
         ax.add_artist(Polygon([*points + aside, *(points - aside)[::-1]], **TASK))
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
@@ -110,6 +111,7 @@ def length(nearest: Clearance) -> str:
 
 UP = np.array([0.0, 1.0])
 _ROUND = 64  # corners of a disc
+_FINE = 400  # points of a path
 _SHADE = 0.55  # of the colour of an object, for its edge and its name
 _HELD_M = 0.06  # from an object to parts of the robot that its name must not lie on
 _SAME_M = 0.03  # nearer to each other than that, places of tasks share a mark

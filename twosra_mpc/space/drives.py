@@ -47,9 +47,7 @@ _ELSEWHERE = 1.25  # times the fastest road: as long is one that goes round else
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _FINE_M = 1e-5  # sagitta of what is drawn finely, where an end touches what is around it
 _SEEN_M = 5e-5  # sagitta of the outline by which legs are proved
-_MOST_SUMS = (
-    1500  # corners around times pieces: of more no map is made, ways are looked for one by one
-)
+_MOST_SUMS = 1500  # corners around times pieces: of more no map is made, only single ways
 _NOTHING = np.zeros((0, 4, 2))
 
 

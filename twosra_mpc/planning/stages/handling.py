@@ -195,15 +195,17 @@ class Handling:
     def _followed(self, stage: Stage, task: Follow, at: State) -> Iterator[State]:
         """The stages that lead along a path, from each place where the one before may end."""
         robot, hold = self.problem.robot, at.hold
-        begins, kappa = self._known_ends(at)
+        kappa = self._shape_at(at)
         in_b0 = part_in_b0(robot, kappa, task.part)
         held, may = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
         if task.object is not None:
             assert hold is not None, "checked with the problem"
             in_b0 = hold.pose_in_b0 * [1, 1, self.problem.objects[hold.number].disc is None]
+        begins = self._begins(task, at, in_b0)
         refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
         if all(refused):
-            self.refused[f"{task.said(len(at.placements) + 1)}: {refused[0]}"] = True
+            said = task.said(len(at.placements) + 1)
+            self.refused[f"{said}: {refused[0]}"] = not at.placements
         least_s = least_time_s(robot, kappa, task, in_b0)
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
         met, clear = dict[float, str](), False
@@ -243,16 +245,24 @@ class Handling:
                 share, name = until, item.name or "an obstacle"
         return share, name
 
-    def _known_ends(self, at: State) -> tuple[Array, Array]:
-        """Poses of b0 (m, 3) in which what was done so far may end, and the shape (n,)."""
-        start = self.problem.start.configuration
-        if not at.placements:
-            return start[None, :POSE], start[POSE:]
-        last = at.placements[-1]
+    def _shape_at(self, at: State) -> Array:
+        """Shape (n,) in which what was done so far ends."""
         shapes = [each.goal.configuration[POSE:] for each in at.placements]
         known = [shape for shape in shapes if np.isfinite(shape).all()]
-        ends = last.goal.configuration[None, :POSE] if last.ends is None else last.ends
-        return ends[np.isfinite(ends).all(axis=1)], known[-1] if known else start[POSE:]
+        return known[-1] if known else self.problem.start.configuration[POSE:]
+
+    def _begins(self, task: Follow, at: State, in_b0: Array) -> Array:
+        """Poses of b0 (m, 3) from which a path may be followed: in a box, the nearest to it."""
+        start, last = self.problem.start.configuration, at.placements[-1:]
+        if not last:
+            return start[None, :POSE]
+        if last[0].ends is not None:
+            return last[0].ends
+        (x_m, y_m), phi_rad = task.left.points[0], task.left.headings[0]
+        phi_rad = start[2] + in_b0[2] if math.isnan(phi_rad) else phi_rad
+        pose = composed(np.array([x_m, y_m, phi_rad]), inverse(in_b0))
+        low, high = last[0].goal.box(np.concatenate([pose, start[POSE:]]))
+        return np.clip(pose, low[:POSE], high[:POSE])[None]
 
     def _released(self, stage: Stage, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""
