@@ -16,7 +16,7 @@ from twosra_mpc.problem.tolerances import (
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
-_NODES, _TWICE = np.polynomial.legendre.leggauss(16)
+_NODES, _TWICE = np.polynomial.legendre.leggauss(8)
 _SHARES, _WEIGHTS = (_NODES + 1) / 2, _TWICE / 2  # of an arc, for its integrals
 _STEP_PER_M = 0.1  # between shapes of a bend that are looked at
 
@@ -35,12 +35,12 @@ def bend_levers(robot: Robot, kappa: Array, segment: int) -> Array:
         pins.append(complex(x, y) + np.linalg.solve(ways, [x2 - x, y2 - y])[0] * np.exp(1j * psi))
     for j, length in enumerate(geometry.lengths_m):
         at = at + (geometry.middle_link_m if j else 0.0) * np.exp(1j * turn)
-        bent = kappa[:, j, None] * length * _SHARES
+        bent = kappa[:, j] * length
         if j == segment:  # what is at a share of an arc counts as often as what follows it
-            arc = np.exp(1j * (turn[:, None] + bent)) * (1 - _SHARES)
-            middle = at + length * arc @ _WEIGHTS
-        at = at + length * np.exp(1j * (turn[:, None] + bent)) @ _WEIGHTS
-        turn = turn + kappa[:, j] * length
+            arc = np.exp(1j * bent[:, None] * _SHARES) @ ((1 - _SHARES) * _WEIGHTS)
+            middle = at + length * np.exp(1j * turn) * arc
+        at = at + length * np.exp(1j * (turn + bent / 2)) * np.sinc(bent / math.tau)
+        turn = turn + bent
     end = at + np.exp(1j * turn) * pins[1]
     line = (end - pins[0]) / np.abs(end - pins[0])
     return np.asarray((line.conj() * 1j * (middle - end)).real / geometry.lengths_m[segment])
