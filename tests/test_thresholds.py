@@ -60,7 +60,7 @@ def past_a_wall(y_m: float, clearance_m: float) -> Problem:
     """A drive of 0.3 m along a wall."""
     wall = {"polygon_m": [[0.1, y_m], [0.6, y_m], [0.6, 0.2], [0.1, 0.2]]}
     goal = {**AT_REST, "x_m": 0.3}
-    given = {"obstacles": [wall], "clearance_m": clearance_m}
+    given = {"obstacles": [wall], "clearance_m": clearance_m, "gap": 0.05}
     return Problem(robot=ROBOT, start=AT_REST, goal=goal, **given)
 
 
@@ -74,7 +74,7 @@ def bent(kappa: tuple[float, ...], half_width_per_m: float = 0.0) -> Problem:
 def driven(kappa: tuple[float, ...]) -> Problem:
     """A drive in a shape."""
     start = {**AT_REST, "kappa_per_m": kappa}
-    return Problem(robot=ROBOT, start=start, goal={"x_m": 0.1, "y_m": 0.0})
+    return Problem(robot=ROBOT, start=start, goal={"x_m": 0.1, "y_m": 0.0}, gap=0.1)
 
 
 def limited(start: float, goal: float) -> Problem:
@@ -105,7 +105,7 @@ def through(width_m: float, clearance_m: float = 0.002) -> Problem:
         {"box": {"x_m": (0.2, 0.3), "y_m": (-0.5, -width_m / 2)}},
     ]
     goal = {**AT_REST, "x_m": 0.5}
-    given = {"obstacles": walls, "clearance_m": clearance_m}
+    given = {"obstacles": walls, "clearance_m": clearance_m, "gap": 0.05}
     return Problem(robot=ROBOT, start=AT_REST, goal=goal, **given)
 
 
