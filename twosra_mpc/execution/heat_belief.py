@@ -323,9 +323,10 @@ class HeatBelief(ArrayValue):
         """True if a reading tells the metal's heat, or the heater's does not any more."""
         if self.kinds.is_solid(shown_C) and self.quiet_s >= _QUIET_S:
             return sum(heat.passed_s for heat, _ in self.since) >= _RESTS_S
-        unknown_s = sum(heat.unknown_s for heat, _ in self.since)
-        liquid = self.surely_liquid and self.kinds.is_liquid(shown_C)
-        return (unknown_s >= _UNKNOWN_S and liquid) or len(self.since) >= _MOST
+        if self.kinds.is_liquid(shown_C) and self.surely_liquid:
+            unknown_s = sum(heat.unknown_s for heat, _ in self.since)
+            return unknown_s >= _UNKNOWN_S or len(self.since) >= _MOST
+        return len(self.since) >= _MOST
 
     def _about(self, fit: Fit) -> HeatBelief:
         """Make a step from one kind."""
