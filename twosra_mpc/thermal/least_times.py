@@ -154,8 +154,7 @@ class FirstCycle:
         def bound(course: int, low: float, high: float) -> float:
             if course > 0 or high + melting_s + held_s < onset_s:
                 return math.inf
-            ends = [self._courses[0].state_at(min(time, _FOR_EVER_S)) for time in (low, high)]
-            coldest = tuple(map(min, *ends))
+            coldest = tuple(map(min, self._unheated(low), self._unheated(min(high, _FOR_EVER_S))))
             rest = coldest if self._is_even else model.extremes(coldest)[0]
             solid = model.at_level(rest, model.solid_level)
             molten = model.at_level(model.hold(solid, melting_s), model.liquid_level)
@@ -202,6 +201,11 @@ class FirstCycle:
     @cached_property
     def _courses(self) -> tuple[TemperatureTrajectory, ...]:
         return self.heating.unheated_courses(self.start)
+
+    @cached_property
+    def _unheated(self) -> Callable[[float], State]:
+        """State at a time without heat."""
+        return lru_cache(4096)(self._courses[0].state_at)
 
     @cached_property
     def _heating_s(self) -> Callable[[int, float, float], float]:
