@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -41,12 +40,11 @@ class Followed(NamedTuple):
     left_m: float
 
 
-def follower(trajectory: Trajectory, task: Follow, t_s: Array, q: Array) -> Array:
-    """Poses of what follows a path, (m, 3), at times (m,), the robot being at q (m, 3 + n)."""
-    problem = trajectory.problem
+def follower(problem: Problem, task: Follow, q: Array, objects: Array) -> Array:
+    """Poses of what follows a path, (m, 3): robots at q (m, 3 + n), objects at (m, objects, 3)."""
     if task.object is not None:
         number = [item.name for item in problem.objects].index(task.object)
-        poses = object_poses(trajectory, t_s, q)[:, number].copy()
+        poses = objects[:, number].copy()
         if problem.objects[number].disc is not None:
             poses[:, 2] = q[:, 2]
         return poses

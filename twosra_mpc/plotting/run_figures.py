@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
+from twosra_mpc.execution.off_path import OffPath, off_paths
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
@@ -167,7 +168,10 @@ def run_stretch(run: Run) -> timeline_figures.TimeStretch:
 
 def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     asked = not run.problem.ends_anywhere
-    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0, *[1.0] * asked]
+    objects = record.objects if isinstance(record, Truth) else np.empty(0)
+    ways = off_paths(run, record.time_s, record.q, objects)
+    more = [1.0] * (asked + bool(ways))
+    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0, *more]
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     stretch, drives = run_stretch(run), joined_drives(run)
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
@@ -179,6 +183,8 @@ def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     _draw_temperatures(axes[3], run, record)
     if asked:
         _draw_distances(axes[4], run, record)
+    if ways:
+        _draw_off_paths(axes[-1], ways)
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):
@@ -245,6 +251,18 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.set(ylim=(0.02, 2 * most), ylabel="from goal\n/ accuracy")
+    ax.legend(**figures.BESIDE)
+
+
+def _draw_off_paths(ax: Axes, ways: list[OffPath]) -> None:
+    """Distance of what follows a path from it, and the tolerance."""
+    for number, way in enumerate(ways):
+        label = None if number else f"{1e3 * way.off_m.mean():z.2g} mm on average"
+        ax.plot(way.time_s, 1e3 * way.off_m, c=figures.RIGID_COLOUR, label=label)
+    most_mm = 1e3 * max(way.task.position_tolerance_m for way in ways)
+    ax.axhline(most_mm, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=f"tolerance {most_mm:zg} mm")
+    farthest_mm = max(float(1e3 * way.off_m.max()) for way in ways)
+    ax.set(ylim=(0.0, 1.1 * max(most_mm, farthest_mm)), ylabel="from path\n[mm]")
     ax.legend(**figures.BESIDE)
 
 
