@@ -1,16 +1,16 @@
-"""Independent check that a path is followed: where what follows it is, from the sweep alone."""
+"""Independent check that a path is followed: where what follows it is, in a plan and in a run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Follow
+from twosra_mpc.problem.tasks import Follow, Task
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 
@@ -92,3 +92,28 @@ def tube_problems(task: Follow, found: Followed) -> Iterator[str]:
         yield f"its heading is off by {off} (heading_tolerance_rad = {most[1]:zg} rad)"
     if found.left_m > 2 * most[0]:
         yield f"its path is not followed to the end: {found.left_m:z.3g} m are left"
+
+
+def off_paths(
+    problem: Problem,
+    under_way: Iterable[tuple[Task, float, float]],
+    time_s: Array,
+    q: Array,
+    objects: Array,
+) -> Iterator[tuple[Follow, Followed]]:
+    """Yield how each path is followed, as often as that is begun.
+
+    Args:
+        problem: What was asked.
+        under_way: Tasks, and from when to when they were under way [s].
+        time_s: Times at which the robot was somewhere, (m,).
+        q: Where it was, (m, 3 + n).
+        objects: Poses of the objects then, (m, objects, 3); empty if nobody knows them.
+    """
+    for task, since_s, until_s in under_way:
+        path = task.stage(problem.modes).follows
+        during = (time_s >= since_s) & (time_s <= until_s)
+        if path is None or during.sum() < 2 or (path.object and not objects.size):
+            continue
+        poses = follower(problem, path, q[during], objects[during] if objects.size else objects)
+        yield path, followed(path, time_s[during], poses)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twosra_mpc.arguments import public
+from twosra_mpc.checking.followed import off_paths
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.mission import away
-from twosra_mpc.execution.off_path import off_paths
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import Disturbance, disturbance_level
@@ -169,7 +169,8 @@ class Simulation(ArrayValue):
         if truth.touched is None and near is not None and near.touched:
             touched = f"touched {near.name} at {near.time_s:z.0f} s"
         object_m, object_rad = object_errors(run.problem, truth)
-        off_m = [way.off_m for way in off_paths(run, truth.time_s, truth.q, truth.objects)]
+        there = truth.time_s, truth.q, truth.objects
+        off_m = [way.off_m for _, way in off_paths(run.problem, run.under_way, *there)]
         off = np.concatenate(off_m) if off_m else None
         put = (object_m or 0.0) <= ACCURACY[0] and (object_rad or 0.0) <= ACCURACY[2]
         return Metrics(
