@@ -16,7 +16,6 @@ from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.planning.stages.along import drives_along, least_time_s, part_in_b0
-from twosra_mpc.plotting.run_figures import plot_run, run_playback
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import Array, composed
 
@@ -156,26 +155,9 @@ def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(
 
     monkeypatch.setattr(SimulatedRobot, "wait", pushing)
     problem = load_problem("follow-bezier")
-    done = simulate(problem, plan=plan(problem).require())
-    run = done.run
+    run = simulate(problem, plan=plan(problem).require()).run
     assert run.ending is Ending.REACHED
-    assert (done.metrics.farthest_off_path_m or 0.0) > 0.05
     *_, task = run.plans[-1].problem.tasks
     assert isinstance(task, Follow)
     assert task.from_m > 0.3
     assert task.left.length_m[-1] == pytest.approx(task.line.length_m[-1] - task.from_m)
-
-
-def test_a_run_says_how_far_it_was_from_its_path() -> None:
-    problem = load_problem("follow-bezier")
-    (task,) = problem.tasks
-    assert isinstance(task, Follow)
-    done = simulate(problem, disturbance="moderate", seed=3)
-    farthest_m = from_points_m(done.truth.q[:, :2], task)
-    assert done.metrics.farthest_off_path_m == pytest.approx(farthest_m, abs=1e-4)
-    assert 0.0 < (done.metrics.off_path_m or 0.0) < farthest_m
-    assert plot_run(done.run, done.truth).axes[-1].get_ylabel() == "from path\n[mm]"
-    words = map(run_playback(done.run, done.truth).doing, range(100, 1000, 100))
-    assert any("mm from its path" in each for each in words)
-    away = simulate(load_problem("rigid-move"), disturbance="none").metrics
-    assert away.off_path_m is away.farthest_off_path_m is None

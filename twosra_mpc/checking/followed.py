@@ -1,16 +1,17 @@
-"""Independent check that a path is followed: where what follows it is, in a plan and in a run."""
+"""Independent check that a path is followed: where what follows it is, from the sweep alone."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Follow, Task
+from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 
@@ -40,11 +41,12 @@ class Followed(NamedTuple):
     left_m: float
 
 
-def follower(problem: Problem, task: Follow, q: Array, objects: Array) -> Array:
-    """Poses of what follows a path, (m, 3): robots at q (m, 3 + n), objects at (m, objects, 3)."""
+def follower(trajectory: Trajectory, task: Follow, t_s: Array, q: Array) -> Array:
+    """Poses of what follows a path, (m, 3), at times (m,), the robot being at q (m, 3 + n)."""
+    problem = trajectory.problem
     if task.object is not None:
         number = [item.name for item in problem.objects].index(task.object)
-        poses = objects[:, number].copy()
+        poses = object_poses(trajectory, t_s, q)[:, number].copy()
         if problem.objects[number].disc is not None:
             poses[:, 2] = q[:, 2]
         return poses
@@ -92,28 +94,3 @@ def tube_problems(task: Follow, found: Followed) -> Iterator[str]:
         yield f"its heading is off by {off} (heading_tolerance_rad = {most[1]:zg} rad)"
     if found.left_m > 2 * most[0]:
         yield f"its path is not followed to the end: {found.left_m:z.3g} m are left"
-
-
-def off_paths(
-    problem: Problem,
-    under_way: Iterable[tuple[Task, float, float]],
-    time_s: Array,
-    q: Array,
-    objects: Array,
-) -> Iterator[tuple[Follow, Followed]]:
-    """Yield how each path is followed, as often as that is begun.
-
-    Args:
-        problem: What was asked.
-        under_way: Tasks, and from when to when they were under way [s].
-        time_s: Times at which the robot was somewhere, (m,).
-        q: Where it was, (m, 3 + n).
-        objects: Poses of the objects then, (m, objects, 3); empty if nobody knows them.
-    """
-    for task, since_s, until_s in under_way:
-        path = task.stage(problem.modes).follows
-        during = (time_s >= since_s) & (time_s <= until_s)
-        if path is None or during.sum() < 2 or (path.object and not objects.size):
-            continue
-        poses = follower(problem, path, q[during], objects[during] if objects.size else objects)
-        yield path, followed(path, time_s[during], poses)

@@ -121,7 +121,7 @@ def _print_run(simulation: Simulation) -> None:
     rows = [
         ("ending", str(run.ending)),
         ("reason", run.reason),
-        *([] if run.problem.ends_anywhere else [("true error", error)]),
+        ("true error", error),
         ("duration", f"{found.time_s:z.1f} s{against}"),
         ("energy", f"{found.energy_J:z.0f} J in {found.transitions} transitions"),
         ("planned again", again),
@@ -146,11 +146,6 @@ def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
     rows = list[tuple[str, str]]()
     if any(task.rests for task in problem.tasks):
         rows.append(("tasks done", f"{found.tasks_done} of {len(problem.tasks)}"))
-    if found.off_path_m is not None and found.farthest_off_path_m is not None:
-        largest = f"{1e3 * found.farthest_off_path_m:z.2f} mm at the farthest"
-        rows.append(
-            ("true distance from path", f"{1e3 * found.off_path_m:z.2f} mm mean, {largest}")
-        )
     if found.object_m is not None:
         turned = f", {math.degrees(found.object_rad or 0.0):z.2f} degrees"
         rows.append(("true error of objects", f"{1e3 * found.object_m:z.2f} mm{turned}"))
@@ -163,20 +158,15 @@ def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
 
 def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
     """Distribution of the numbers over the runs."""
-    error: dict[str, tuple[str, float]] = {
-        "position error [mm]": ("position_m", 1e3),
-        "heading error [degrees]": ("heading_rad", math.degrees(1.0)),
-        "curvature error [1/m]": ("curvature_per_m", 1.0),
-    }
     names: dict[str, tuple[str, float]] = {
         "duration [s]": ("time_s", 1.0),
         "transitions": ("transitions", 1.0),
         "energy [J]": ("energy_J", 1.0),
         "planned again": ("replans", 1.0),
         "pose corrected": ("corrections", 1.0),
-        **({} if problem.ends_anywhere else error),
-        "error on path, mean [mm]": ("off_path_m", 1e3),
-        "error on path, largest [mm]": ("farthest_off_path_m", 1e3),
+        "position error [mm]": ("position_m", 1e3),
+        "heading error [degrees]": ("heading_rad", math.degrees(1.0)),
+        "curvature error [1/m]": ("curvature_per_m", 1.0),
         "object error [mm]": ("object_m", 1e3),
     }
     rows = [("reached", f"{sum(each.reached for each in found)} of {len(found)}", "", "")]

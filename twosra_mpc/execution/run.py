@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -18,7 +17,6 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import plan_within
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, embedded_problem
-from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
@@ -188,17 +186,6 @@ class Run(ArrayValue):
     def transitions(self) -> int:
         """Melts and freezes that were reported."""
         return len(self.changes)
-
-    @property
-    def under_way(self) -> list[tuple[Task, float, float]]:
-        """Tasks, and from when to when they were under way [s]: anew by each plan of the rest."""
-        begun_s = [one.time_s for one in self.events if one.kind in ("plan", "replan", "correct")]
-        found = list[tuple[Task, float, float]]()
-        for plan, span in zip(self.plans, pairwise([*begun_s, self.duration_s]), strict=True):
-            done_s = [time_s for time_s in self.done_s if span[0] < time_s <= span[1]]
-            edges = pairwise([span[0], *done_s, span[1]])
-            found += [(task, *edge) for task, edge in zip(plan.problem.tasks, edges, strict=False)]
-        return found
 
     def to_dict(self) -> dict[str, Any]:
         """The run as plain data."""

@@ -51,7 +51,6 @@ class Playback:
         stages: What is done from when to when; none without a mission.
         objects: Poses of the objects that are known [m, m, rad], (rows, objects, 3).
         targets: Where objects shall be carried: number of the object, from 0, and pose (3,).
-        off_path_m: How far from its path what follows one is, NaN where nothing does, (rows,).
     """
 
     problem: Problem
@@ -68,7 +67,6 @@ class Playback:
     stages: tuple[Stretch, ...] = ()
     objects: Array = field(default_factory=lambda: np.zeros((PLACES, 0, POSE)))
     targets: tuple[tuple[int, Array], ...] = ()
-    off_path_m: Array = field(default_factory=lambda: np.full(PLACES, np.nan))
 
     def states(self, row: int) -> list[State]:
         """State of each segment."""
@@ -87,9 +85,7 @@ class Playback:
         for phase in self.phases:
             if phase.start_s <= time_s < phase.end_s:
                 verb = "driving" if is_rigid(phase.mode) else "bending"
-                off_mm = 1e3 * self.off_path_m[row]
-                from_path = "" if np.isnan(off_mm) else f", {off_mm:z.1f} mm from its path"
-                return f"{verb} in mode {mode_name(phase.mode)}{from_path}"
+                return f"{verb} in mode {mode_name(phase.mode)}"
         states = self.states(row)
         changing = [
             _all("segment", [state == what for state in states], what)

@@ -17,7 +17,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
-from twosra_mpc.checking.followed import Followed, off_paths
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
@@ -26,7 +25,6 @@ from twosra_mpc.plans.trajectory import Interval, Phase
 from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
-from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.validation import Seconds
@@ -169,9 +167,7 @@ def run_stretch(run: Run) -> timeline_figures.TimeStretch:
 
 def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     asked = not run.problem.ends_anywhere
-    ways = _off_paths(run, record)
-    more = [1.0] * (asked + bool(ways))
-    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0, *more]
+    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0, *[1.0] * asked]
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     stretch, drives = run_stretch(run), joined_drives(run)
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
@@ -183,8 +179,6 @@ def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     _draw_temperatures(axes[3], run, record)
     if asked:
         _draw_distances(axes[4], run, record)
-    if ways:
-        _draw_off_paths(axes[-1], ways)
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):
@@ -254,23 +248,6 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     ax.legend(**figures.BESIDE)
 
 
-def _off_paths(run: Run, record: Record) -> list[tuple[Follow, Followed]]:
-    objects = record.objects if isinstance(record, Truth) else np.empty(0)
-    return [*off_paths(run.problem, run.under_way, record.time_s, record.q, objects)]
-
-
-def _draw_off_paths(ax: Axes, ways: list[tuple[Follow, Followed]]) -> None:
-    """Distance of what follows a path from it, and the tolerance."""
-    for number, (_, way) in enumerate(ways):
-        label = None if number else f"{1e3 * way.off_m.mean():z.2g} mm on average"
-        ax.plot(way.t_s, 1e3 * way.off_m, c=figures.RIGID_COLOUR, label=label)
-    most_mm = 1e3 * max(path.position_tolerance_m for path, _ in ways)
-    ax.axhline(most_mm, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=f"tolerance {most_mm:zg} mm")
-    farthest_mm = max(float(1e3 * way.off_m.max()) for _, way in ways)
-    ax.set(ylim=(0.0, 1.1 * max(most_mm, farthest_mm)), ylabel="from path\n[mm]")
-    ax.legend(**figures.BESIDE)
-
-
 def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
     log = run.log
     true = record.time_s, record.temperature_C
@@ -314,10 +291,6 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
     def then(values: Array) -> Array:
         return np.column_stack([np.interp(shown_s, record.time_s, v) for v in values.T])
 
-    off_m = np.full(len(shown_s), np.nan)
-    for _, way in _off_paths(run, record):
-        during = (shown_s >= way.t_s[0]) & (shown_s <= way.t_s[-1])
-        off_m[during] = np.interp(shown_s[during], way.t_s, way.off_m)
     unknown = np.full((len(shown_s), problem.robot.coordinates.segments), np.nan)
     objects = np.empty((len(shown_s), 0, POSE))
     if truth is not None and problem.objects:
@@ -337,5 +310,4 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
         heated=log.setpoint_C[sent] > problem.robot.heater.rigid_setpoint_C,
         objects=objects,
         targets=tuple(world_figures.targets(run.plans[0].trajectory)) if run.plans else (),
-        off_path_m=off_m,
     )

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twosra_mpc.arguments import public
-from twosra_mpc.checking.followed import off_paths
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.mission import away
@@ -111,8 +110,6 @@ class Metrics(NamedTuple):
         object_rad: The same for headings, where they are asked for.
         lost: How often an object was not where it should have been held.
         squeezed: Which object was squeezed, in what and how deep; empty if none.
-        off_path_m: Mean true distance from its path of what follows one; None where nothing does.
-        farthest_off_path_m: The largest.
     """
 
     reached: bool
@@ -135,8 +132,6 @@ class Metrics(NamedTuple):
     object_rad: float | None = None
     lost: int = 0
     squeezed: str = ""
-    off_path_m: float | None = None
-    farthest_off_path_m: float | None = None
 
 
 @public
@@ -169,9 +164,6 @@ class Simulation(ArrayValue):
         if truth.touched is None and near is not None and near.touched:
             touched = f"touched {near.name} at {near.time_s:z.0f} s"
         object_m, object_rad = object_errors(run.problem, truth)
-        there = truth.time_s, truth.q, truth.objects
-        off_m = [way.off_m for _, way in off_paths(run.problem, run.under_way, *there)]
-        off = np.concatenate(off_m) if off_m else None
         put = (object_m or 0.0) <= ACCURACY[0] and (object_rad or 0.0) <= ACCURACY[2]
         return Metrics(
             reached=run.reached and run.accuracy.of(error) <= 1.0 and put and not touched,
@@ -194,8 +186,6 @@ class Simulation(ArrayValue):
             object_rad=object_rad,
             lost=run.lost,
             squeezed=truth.squeezed,
-            off_path_m=None if off is None else float(off.mean()),
-            farthest_off_path_m=None if off is None else float(off.max()),
         )
 
     def to_dict(self) -> dict[str, Any]:
