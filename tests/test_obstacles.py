@@ -215,7 +215,7 @@ FREE_GOALS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("goal", FREE_GOALS, ids=str)
 def test_goals_that_leave_something_free_are_reached(goal: dict[str, Any]) -> None:
-    result = plan(problem(POST, goal=goal))
+    result = plan(problem(POST, goal=goal, gap=0.3))
     made = result.require()
     assert np.abs(result.problem.goal.error(made.trajectory.samples.q[-1])).max() < 1e-6
     assert verify(made.trajectory).ok
@@ -478,7 +478,7 @@ def test_a_start_near_one_obstacle_keeps_the_clearance_from_the_others(gap_m: fl
     wall = {"name": "wall", "box": {"x_m": [left - 0.1, left - 1e-3], "y_m": [-0.5, 0.5]}}
     post = {"name": "post", "box": {"x_m": [-0.1, 0.1], "y_m": [top + gap_m, 0.5]}}
     goal = {**RIGHT, "tolerance": "exact"}
-    tight = problem(wall, post, goal=goal, modes=[[0, 0]], clearance_m=0.01)
+    tight = problem(wall, post, goal=goal, modes=[[0, 0]], clearance_m=0.01, gap=0.3)
     straight = plan(tight.with_values(clearance_m=0.0009)).require()
     told = verify(replace(straight.trajectory, problem=tight)).problems
     drives = Drives(ROBOT, tight.world, np.zeros(2))

@@ -213,7 +213,7 @@ def beside(at_m: float, q: Array, what: str, *, leaves: bool) -> Problem:
     start, goal = (here, there) if leaves else (there, {**here, "tolerance": "exact"})
     wall = {"box": {"x_m": (at_m + 0.002, at_m + 0.1), "y_m": (-0.5, 0.5)}}
     post = {"box": {"x_m": (0.2, 0.4), "y_m": (0.4, 0.5)}}
-    given = {"robot": ROBOT, "start": start, "goal": goal, "gap": 0.1, "work_limit": 2000.0}
+    given = {"robot": ROBOT, "start": start, "goal": goal, "gap": 0.3, "work_limit": 2000.0}
     if what == "wall":
         return Problem(**given, obstacles=[wall], clearance_m=0.002)
     edges = {"x_m": (-1.0, at_m), "y_m": (-1.0, 1.0)}
