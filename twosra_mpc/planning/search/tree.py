@@ -326,11 +326,14 @@ class Tree(Generic[Solution]):
         reason = self.in_the_way[node.variant][done].blocks(None) or stage.impossible
         if reason is not None:
             return self._infeasible(whole, reason)
-        to_go, least = self.leaves.so_far.to_go, past.cost
+        to_go = self.leaves.so_far.to_go
         if done and node.head == stage.opening(begins):
-            return least + to_go.least(node.variant, done, past.phases[-1], self._way(node))
+            shapes = self.leaves.so_far.shapes(Whole(*node[:2]))
+            assert shapes is not None, "else what is over were impossible"
+            begun = past.phases[-1], self._way(node), shapes
+            return past.cost + to_go.least(node.variant, done, *begun)
         if not node.head:
-            return least
+            return past.cost
         if (reason := self.leaves.so_far.timing.refusal(whole, stage.rigid)) is not None:
             return self._infeasible(whole, reason)
         motion_s = self.leaves.motion_s
