@@ -40,25 +40,6 @@ from twosra_mpc.robot.modes import (
 )
 from twosra_mpc.timing import TemporalNetwork
 
-
-class Drive(NamedTuple):
-    """Least duration of a stage that is nothing but a drive.
-
-    Attributes:
-        least_s: For the distance [s].
-        longer: Proved least duration [s]; more work is put into it where it is less than the
-            argument, what is enough. None where the pose in which it begins is not known.
-    """
-
-    least_s: float
-    longer: Callable[[float], float] | None = None
-
-    def at_least(self, enough: float = 0.0) -> float:
-        """Proved least duration [s], with more work where it is less than what is enough."""
-        return self.least_s if self.longer is None else self.longer(enough)
-
-
-NO_WAY = Drive(0.0)
 _ROUNDING = 1e-9  # of W
 
 Shapes = tuple[tuple[float, ...], ...]  # (1 + n, 1 + n): most of W_i - W_j since t = 0; W_0 is 0
@@ -80,7 +61,7 @@ class StageBounds:
         distance_m: How far b0 must come in it, at least; or in it and in those before it, since
             the last one of which it is known where it ends.
         since: How many stages these are.
-        drive: Least duration where it is nothing but a drive.
+        drive: What is enough -> least duration where it is nothing but a drive [s].
         least_s: Least duration [s].
         reshapes: Whether it is proved that it must reshape.
     """
@@ -95,7 +76,7 @@ class StageBounds:
     drives_last: bool = True
     distance_m: float = 0.0
     since: int = 1
-    drive: Drive = NO_WAY
+    drive: Callable[[float], float] = lambda enough: 0.0
     least_s: float = 0.0
     reshapes: bool = False
 

@@ -53,7 +53,7 @@ class Alone:
             if bend is not None:
                 found = list(least_durations(sequence, bend))
             if sequence == (stage.rigid,):
-                found[0] = max(found[0], stage.drive.at_least())
+                found[0] = max(found[0], stage.drive(0.0))
             self._durations[key] = found
         return self._durations[key]
 
@@ -151,8 +151,6 @@ class ToGo:
 
     def after(self, variant: int, done: int) -> float:
         """Least that the stages from a number on add, whatever the one before does."""
-        if done == len(self.variants[variant]):
-            return 0.0
         last, way = self.variants[variant][done - 1], Way(drives=True)
         return min(self.least(variant, done, mode, way, last.shapes) for mode in last.endings)
 
@@ -284,10 +282,9 @@ class SoFar:
         if over not in self._shapes:
             *before, last = over.sequences
             stage = self.variants[over.variant][len(before)]
-            begun = self.shapes(over._replace(sequences=tuple(before))) if before else None
-            if not before:
-                begun = ((0.0,) * len(stage.shapes),) * len(stage.shapes)
-            self._shapes[over] = None if begun is None else stage.ends_in(last, begun)
+            begun: Shapes | None = ((0.0,) * len(stage.shapes),) * len(stage.shapes)
+            begun = self.shapes(over._replace(sequences=tuple(before))) if before else begun
+            self._shapes[over] = begun and stage.ends_in(last, begun)
         return self._shapes[over]
 
     # --- The stage that is open
