@@ -267,10 +267,10 @@ class SoFar:
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
         if (reason := next(filter(None, misfits), None)) is not None:
             return reason
-        if self.shapes(over) is None:
-            return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
         done, stages = len(over.sequences), self.variants[over.variant]
         last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
+        if (done > 1 or last.bend is None) and self.shapes(over) is None:
+            return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
         if last.distance_m:
             way = Way().then(over.sequences[since], stages[since])
             if self.to_go.too_far(last, way):
