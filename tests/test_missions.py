@@ -282,7 +282,7 @@ def blocks(made: Plan) -> int:
 def test_stages_may_end_in_shapes_if_a_linear_program_finds_some(n: int) -> None:
     rng, told, modes = np.random.default_rng(n), list[bool](), all_modes(n)
     for _ in range(80):
-        ends = np.sort(rng.uniform(-3.0, 3.0, (4, n, 2)), axis=2)
+        ends = rng.uniform(-1.5, 1.5, (4, n, 1)) + rng.uniform(0.0, 2.0, (4, n, 1)) * [-1.0, 1.0]
         chosen = [[modes[k] for k in rng.integers(len(modes), size=rng.integers(3))] for _ in ends]
         shapes: Shapes | None = ((0.0,) * (n + 1),) * (n + 1)
         for change, sequence in zip(ends.tolist(), chosen, strict=True):
