@@ -16,11 +16,13 @@ import shapely
 from grasps import drawn
 from once import solved
 from problems import bold, faster_robot, random_problem
+from scipy.optimize import linprog
 
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.stage_bounds import Shapes, StageBounds
 from twosra_mpc.planning.relaxation import stage_bounds, stage_tree
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.nodes import Node
@@ -31,7 +33,16 @@ from twosra_mpc.planning.solver.sequence_solver import Solved as Made
 from twosra_mpc.planning.stages.variants import Variant, ways_of
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
-from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, is_rigid
+from twosra_mpc.robot.modes import (
+    RIGID,
+    SOFT_1,
+    SOFT_2,
+    SOFT_BOTH,
+    Mode,
+    all_modes,
+    is_rigid,
+    rigid_mode,
+)
 from twosra_mpc.timing import transition_model
 
 ROUNDING = 1e-6
@@ -265,6 +276,25 @@ def blocks(made: Plan) -> int:
     """Melt cycles."""
     soft = [not is_rigid(mode) for mode in made.sequence]
     return sum(now and not before for before, now in pairwise([False, *soft]))
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_stages_may_end_in_shapes_if_a_linear_program_finds_some(n: int) -> None:
+    rng, told, modes = np.random.default_rng(n), list[bool](), all_modes(n)
+    for _ in range(80):
+        ends = rng.uniform(-1.5, 1.5, (4, n, 1)) + rng.uniform(0.0, 2.0, (4, n, 1)) * [-1.0, 1.0]
+        chosen = [[modes[k] for k in rng.integers(len(modes), size=rng.integers(3))] for _ in ends]
+        shapes: Shapes | None = ((0.0,) * (n + 1),) * (n + 1)
+        for change, sequence in zip(ends.tolist(), chosen, strict=True):
+            stage = StageBounds(tuple(map(tuple, change)), None, modes, None, 3)
+            shapes = shapes and stage.ends_in((rigid_mode(n), *sequence), shapes)
+        bends = [(k, mode) for k, sequence in enumerate(chosen) for mode in sequence]
+        rows = [[m[j] * (k <= at) for k, m in bends] or [0] for at in range(4) for j in range(n)]
+        both = np.vstack([rows, np.negative(rows)]), np.append(ends[..., 1], -ends[..., 0])
+        found = linprog(np.zeros(len(rows[0])), *both, bounds=(None, None)).status == 0
+        assert found == (shapes is not None) if n == 2 else shapes or not found
+        told.append(found)
+    assert 0 < sum(told) < len(told)
 
 
 BOX = {"kappa_per_m": (10.0, 10.0)}

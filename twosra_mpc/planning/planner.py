@@ -221,10 +221,8 @@ def _unhindered(
         charge(Cost.OUTLINE, len(q))
         return not around.distances_m(q).all()
 
-    start, (low, high) = (
-        problem.start.configuration,
-        problem.goal.box_met(problem.start.configuration),
-    )
+    start = problem.start.configuration
+    low, high = problem.goal.box_met(start)
     if same_shape(problem) and np.isfinite([low, high]).all():
         ways, share = np.tile(start, (_LOOKS, 1)), np.linspace(0.0, 1.0, _LOOKS)
         twist = twists(start[:POSE], (low + high)[:POSE] / 2)
@@ -273,9 +271,8 @@ def _search(
     if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None and confirm is None  # which guesses may leave
-    solver: SequenceSolver | Placer = SequenceSolver(
-        variants, checked if inside else trusted, worth_s
-    )
+    guessed = checked if inside else trusted
+    solver: SequenceSolver | Placer = SequenceSolver(variants, guessed, worth_s)
     passes = any(stage.through or stage.follows for stage in problem.stages)
     if passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
@@ -398,9 +395,8 @@ def _quality(made: Plan, ending: Ending) -> str:
         return ""
     if ending is Ending.EXHAUSTED:
         alone = len(made.problem.stages) == 1
-        phases = (
-            f"max_phases = {made.problem.max_phases}" if alone else f"{MOST_PHASES} phases a task"
-        )
+        most = f"max_phases = {made.problem.max_phases}"
+        phases = most if alone else f"{MOST_PHASES} phases a task"
         tried = f"no mode sequence of up to {phases} is left to try"
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"

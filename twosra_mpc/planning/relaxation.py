@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from typing import TypeVar
@@ -17,8 +18,8 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
-from twosra_mpc.planning.bounds.rigid_motion import least_time
-from twosra_mpc.planning.bounds.stage_bounds import Drive, StageBounds, StageRelaxation
+from twosra_mpc.planning.bounds.rigid_motion import least_time, rows_of_any
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.planning.solver.guess import guess_motion
@@ -28,6 +29,7 @@ from twosra_mpc.problem.ends import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
     CURVATURE,
+    WHEEL_SPEED,
     most_gaps_m,
     overlap_in_words,
     singular_bend,
@@ -41,13 +43,15 @@ from twosra_mpc.problem.speeds import (
 )
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 from twosra_mpc.timing import TransitionModel, transition_model
 
 _CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
 _NARROW_PER_M = 3.0  # half-width of a box of shapes whose bends are looked at more closely
+_NEAR = 0.1  # m and rad: widths of boxes in which drives begin of which more is proved
 _SAME_BEND = 1e-3  # share by which bends differ that end in the same shape
+_WIDE_PER_M = 7.0  # boxes of shapes of which halves are bounded one by one
 _MOST_TO_ANY = 3  # phases of a stage of several that may end in any stiffness
 
 _TWO = 2  # segments
@@ -99,9 +103,8 @@ def relaxation(problem: Problem) -> StageRelaxation:
         return tuple((-w - at, w - at) for w, at in zip(most, here, strict=True))
 
     def speed_m_s(mode: Mode) -> float:
-        if is_rigid(mode):
-            return math.inf if limits.speed_m_s is None else limits.speed_m_s
-        return facts.largest_speed_m_s(mode)
+        driving = limits.speed_m_s or math.inf
+        return driving if is_rigid(mode) else facts.largest_speed_m_s(mode)
 
     return StageRelaxation(
         room=room,
@@ -141,10 +144,7 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
                 drives_last=first.drives_last,
                 distance_m=0.0 if alone else far_m,
                 since=since,
-                drive=Drive(
-                    far_m / speed_m_s if since == 1 else 0.0,
-                    partial(rigid_time, alone) if alone else None,
-                ),
+                drive=_drive(problem, before, same, far_m / speed_m_s if since == 1 else 0.0),
                 least_s=min(each.stage.least_s for each in same),
                 reshapes=first.reshapes,
             )
@@ -153,6 +153,20 @@ def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
         if np.isfinite([end[:2] for end in after]).all():
             known, begins, since = after, list(same), 1
     return tuple(found)
+
+
+def _drive(
+    problem: Problem, before: Box, same: Sequence[Placement], far_s: float
+) -> Callable[[float], float]:
+    """What is proved of drives from poses and shapes; more than ``far_s`` where they are near."""
+    most, begins = problem.robot.limits.curvature_per_m + BEYOND_PER_M, np.array(before)
+    if not (same[0].reaches and np.ptp(begins[:, :POSE], axis=0).max() <= _NEAR):
+        return lambda enough: far_s
+    begins[:, POSE:] = begins[:, POSE:].clip(-most, most)
+    x, y, phi, *kappa = begins.mean(axis=0).tolist()
+    start = Start(x_m=x, y_m=y, phi_rad=phi, kappa_per_m=tuple(kappa))
+    alone = Alone(problem.robot, start, same[0].goal, problem.workspace)
+    return lru_cache(8)(partial(rigid_time, alone, begins=begins))
 
 
 def _w(problem: Problem, *ends: Array) -> Array:
@@ -293,33 +307,43 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
     )
 
 
-def rigid_time(problem: Problem | Alone, enough: float = 0.0) -> float:
+def rigid_time(problem: Problem | Alone, enough: float = 0.0, begins: Array | None = None) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s].
 
-    Where the quick bound is less than ``enough`` [s], takes up to a third of a second more.
+    Where the quick bound is less than ``enough`` [s], takes up to a third of a second more for each
+    of a few boxes of shapes. With ``begins`` it may begin anywhere in a box around the start.
     """
     robot, start = problem.robot, problem.start.configuration
-    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
+    ends, (first, last) = problem.goal.box_met(start), (start, start) if begins is None else begins
+    shapes = np.sort([np.maximum(ends[0], first)[POSE:], np.minimum(ends[1], last)[POSE:]], axis=0)
+    low, high = (end[:POSE] - start[:POSE] for end in ends)
+    off = (last - first)[:POSE] / 2
+    if off[2]:  # turned so that it begins as in the middle, it ends elsewhere
+        off[:2] += off[2] * (np.hypot(*np.maximum(-low, high)[:2]) + np.hypot(*off[:2]))
+    low, high = low - off, high + off
+    given, (c, s) = np.isfinite(high - low), (math.cos(start[2]), math.sin(start[2]))
+    apart_m = np.where(given, [low, high], math.nan)[:, :2]
+    axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # boxes are the world's
+    around = apart_m.mean(axis=0), np.nan_to_num(np.ptp(apart_m, axis=0)) / 2
+    asked = *around, (float(low[2]), float(high[2])), problem.goal.phi_modulo
     guess = guess_motion(robot, start, problem.goal, (robot.rigid,), np.zeros(1), 1)
-    rows, most = rigid_rows(robot, start[POSE:]), robot.limits.wheel_acceleration_rad_s2
-    gained = None if most is None else drive_rows(robot, start[POSE:])[1] / most
-    known_s, given = _known_s(guess, gained), np.isfinite(high - low)
-    ends = np.where(given, [low, high], math.nan)
-    shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
-    c, s = math.cos(start[2]), math.sin(start[2])
-    if given[:2].all() and box[:2].max() <= 2 * GOAL_TOLERANCE:  # nearly round
-        box = math.sqrt(2) * box
-        shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
-    else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
-        around = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        rows, gained = rows @ around, None if gained is None else gained @ around
-    asked = rows, shift, box[:2], (float(low[2]), float(high[2])), problem.goal.phi_modulo
-    found = least_time(*asked, known_s, gained)
-    if found < enough and gained is not None:
-        found = max(found, least_time(*asked, known_s, gained, priced=True))
-    elif found < enough:
-        found = max(found, least_drive_time(*asked, min(enough * (1 + 1e-6), known_s)))
-    shortest = 0.0 if problem.goal.met_at(start) else robot.limits.phase_s
+    most = robot.limits.wheel_acceleration_rad_s2
+    known_s = _known_s(guess, drive_rows(robot, start[POSE:])[1] / (most or math.inf))
+
+    def least_s(shapes: Array, more: bool) -> float:
+        rows, off = rigid_rows_between(robot, *shapes)
+        speeds = rows_of_any(rows, off) @ axes
+        if more and most is None:
+            return least_drive_time(speeds, *asked, min(enough * (1 + 1e-6), known_s))
+        per_s = WHEEL_SPEED.most(robot) / (most or math.inf)  # rows of wheels come first
+        gained = rows_of_any(rows[:WHEELS] * per_s, off[:WHEELS] * per_s) @ axes
+        return least_time(speeds, *asked, known_s, gained, priced=more)
+
+    if (found := least_s(shapes, False)) < enough:
+        sides = map(np.linspace, *shapes, np.where(np.ptp(shapes, axis=0) > _WIDE_PER_M, 3, 2))
+        boxes = itertools.product(*map(itertools.pairwise, sides))
+        found = max(found, min(least_s(np.transpose(box), True) for box in boxes))
+    shortest = 0.0 if off.any() or problem.goal.met_at(start) else robot.limits.phase_s
     return max(found, shortest)
 
 

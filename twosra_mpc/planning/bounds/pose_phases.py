@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
+from twosra_mpc.planning.bounds.rigid_motion import rows_of_any, twist_vertices
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 
@@ -19,7 +19,6 @@ Shape = tuple[float, ...]  # curvatures [1/m]
 Bounds = tuple[tuple[float, float], ...]  # (low, high) of every segment
 
 BOXES = 24  # of shapes in a piece of B
-_SAME = 1e-6  # s/m or s: rows that differ by less do not depend on the shape
 _INSIDE, _OUTSIDE = 4, 2  # pieces of B within the bend, on each side
 
 
@@ -50,25 +49,11 @@ class PoseTask:
     soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
 
     def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
-        """Motions of a rigid phase in a shape between these; None if nothing limits it.
-
-        The rows are M + D with abs(D) <= off. Let t = max abs(M xi), and X the largest abs(xi) with
-        t = 1. A twist has t <= 1 + max off abs(xi) <= 1 + a t with a = max off X: t <= 1 / (1 - a).
-        Where that fails the rows that are the same in every shape may do.
-        """
-        rows, off = self.speed_rows(least, most)
-        for kept in (off < np.inf, off < _SAME):
-            use = kept.all(axis=1)
-            twists = twist_vertices(rows[use])
-            if twists is None:
-                continue
-            more = float((off[use] @ np.abs(twists).max(axis=0)).max())
-            if more < 1:
-                motions = np.pad(twists / (1 - more), ((0, 0), (0, 1)))
-                none = np.zeros((len(twists), 1), dtype=np.intp)
-                slack = np.zeros_like(motions)
-                return PhaseMotions(motions, slack, none, np.zeros(1), np.ones(1, bool))
-        return None
+        """Motions of a rigid phase in a shape between these; None if nothing limits it."""
+        if (twists := twist_vertices(rows_of_any(*self.speed_rows(least, most)))) is None:
+            return None
+        motions, none = np.pad(twists, ((0, 0), (0, 1))), np.zeros((len(twists), 1), dtype=np.intp)
+        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1), np.ones(1, bool))
 
     def soft_phase(
         self, mode: Mode, origin: Bounds, bend: tuple[float, float], room: tuple[float, float]

@@ -39,6 +39,7 @@ _CELLS = 64  # of the time in which all speeds are reached
 # Further programs: share of g that is left, for headings not farther from the ends than this.
 _PRICED = ((1.0, math.inf), (0.6, 0.25), (0.6, math.inf), (0.3, math.inf))
 FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
+_SAME = 1e-6  # s/m or s: rows that differ by less do not depend on the shape
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
 
 
@@ -149,6 +150,24 @@ def twist_vertices(speed_rows: Array) -> Array | None:
     signs = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
     twists = np.linalg.solve(squares[regular, None], signs[None, ..., None]).reshape(-1, 3)
     return twists[np.abs(twists @ speed_rows.T).max(axis=1) <= 1 + 1e-9]
+
+
+def rows_of_any(rows: Array, off: Array) -> Array:
+    """Rows M of a bounded {|M xi| <= 1} that holds those of all rows within ``off``; none if none.
+
+    Let X be the largest abs(xi) with |M xi| <= 1, of rows for which it is bounded. A twist has
+    t = max |M xi| <= 1 + a t there with a = max off X: so abs(xi) <= X / (1 - a), and each row of
+    it is at most 1 + off X / (1 - a). Where that fails the rows of which all are the same may do.
+    """
+    for kept in (off < np.inf, off < _SAME):
+        use = kept.all(axis=1)
+        if (twists := twist_vertices(rows[use])) is None:
+            continue
+        most = np.abs(twists).max(axis=0)
+        if (more := float((off[use] @ most).max())) < 1:
+            known = (off < np.inf).all(axis=1)
+            return rows[known] / (1 + off[known] @ most / (1 - more))[:, None]
+    return rows[:0]
 
 
 def _bound_to(

@@ -21,7 +21,6 @@ from twosra_mpc.planning.bounds.bends import (
     Intervals,
     unreachable_reason,
 )
-from twosra_mpc.planning.bounds.linear_program import proved_minimum
 from twosra_mpc.planning.bounds.sequence_bound import (
     Relaxation,
     SequenceBound,
@@ -41,25 +40,9 @@ from twosra_mpc.robot.modes import (
 )
 from twosra_mpc.timing import TemporalNetwork
 
+_ROUNDING = 1e-9  # of W
 
-class Drive(NamedTuple):
-    """Least duration of a stage that is nothing but a drive.
-
-    Attributes:
-        least_s: For the distance [s].
-        longer: Proved least duration [s]; more work is put into it where it is less than the
-            argument, what is enough. None where the pose in which it begins is not known.
-    """
-
-    least_s: float
-    longer: Callable[[float], float] | None = None
-
-    def at_least(self, enough: float = 0.0) -> float:
-        """Proved least duration [s], with more work where it is less than what is enough."""
-        return self.least_s if self.longer is None else self.longer(enough)
-
-
-NO_WAY = Drive(0.0)
+Shapes = tuple[tuple[float, ...], ...]  # (1 + n, 1 + n): most of W_i - W_j since t = 0; W_0 is 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +61,7 @@ class StageBounds:
         distance_m: How far b0 must come in it, at least; or in it and in those before it, since
             the last one of which it is known where it ends.
         since: How many stages these are.
-        drive: Least duration where it is nothing but a drive.
+        drive: What is enough -> least duration where it is nothing but a drive [s].
         least_s: Least duration [s].
         reshapes: Whether it is proved that it must reshape.
     """
@@ -93,7 +76,7 @@ class StageBounds:
     drives_last: bool = True
     distance_m: float = 0.0
     since: int = 1
-    drive: Drive = NO_WAY
+    drive: Callable[[float], float] = lambda enough: 0.0
     least_s: float = 0.0
     reshapes: bool = False
 
@@ -163,6 +146,30 @@ class StageBounds:
         return [True] * (len(sequence) - rests) + [False] * rests
 
     @cached_property
+    def shapes(self) -> Shapes:
+        """In which it ends, as far as its goal tells."""
+        ends = [(0.0, 0.0), *((low - _ROUNDING, high + _ROUNDING) for low, high in self.change)]
+        return tuple(
+            tuple(0.0 if i == j else a[1] - b[0] for j, b in enumerate(ends))
+            for i, a in enumerate(ends)
+        )
+
+    def ends_in(self, sequence: ModeSequence, shapes: Shapes) -> Shapes | None:
+        """Shapes in which it ends with a sequence from one of these; None if there are none.
+
+        A W rests while its segment is rigid, and all that are soft change by the same.
+        """
+        alike = list(zip(*((0, *mode) for mode in sequence), strict=True))
+        most = [
+            [min(now, end) if own == other else end for now, end, other in zip(*row, strict=True)]
+            for own, *row in zip(alike, shapes, self.shapes, [alike] * len(alike), strict=True)
+        ]
+        count = range(len(most))
+        for k in count:
+            most = [[min(most[i][j], most[i][k] + most[k][j]) for j in count] for i in count]
+        return tuple(map(tuple, most)) if all(most[i][i] >= 0.0 for i in count) else None
+
+    @cached_property
     def alike(self) -> Hashable:
         """Key of all that bounds of the stage alone depend on."""
         bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
@@ -185,9 +192,6 @@ class Way(NamedTuple):
             if moves
         ]
         return Way(self.drives or any(map(is_rigid, moving)), self.blocks + blocks_of(moving))
-
-
-_ROUNDING = 1e-9  # of W
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,36 +323,3 @@ class Together:
                 for i, speed in zip(moving, speeds, strict=True):
                     terms |= {layout.end(i): speed, layout.start(i): -speed}
                 program.at_least(terms, least)
-
-
-def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> bool:
-    """True if stages that use these soft modes can bend as they must, one after the other.
-
-    Args:
-        changes: (low, high) of every segment's change of W up to the end of each stage.
-        modes: The soft modes of each stage.
-    """
-    columns, sums = [mode for each in modes for mode in each], list[list[int]]()
-    for count, change in zip(itertools.accumulate(map(len, modes)), changes, strict=True):
-        rest = [0] * (len(columns) - count)
-        sums += [[mode[j] for mode in columns[:count]] + rest for j in range(len(change))]
-    changed = np.array(sums, dtype=float).reshape(len(sums), len(columns))
-    ends = np.array([ends for change in changes for ends in change]).T
-    ends += np.array([[-_ROUNDING], [_ROUNDING]])
-    asked = np.isfinite(ends)
-    some = asked.any(axis=0)
-    middle = np.where(asked, ends, ends[::-1])[:, some].mean(axis=0)
-    found = changed @ np.linalg.lstsq(changed[some], middle)[0]
-    if ((ends[0] <= found) & (found <= ends[1])).all():  # as simple bends do
-        return True
-    if (~changed.any(axis=1) & ((ends[0] > 0) | (ends[1] < 0))).any():
-        return False
-    rows = np.concatenate([-changed[asked[0]], changed[asked[1]]])
-    limits = np.concatenate([-ends[0, asked[0]], ends[1, asked[1]]])
-    # If there is a solution there is one that solves some of the rows as equations. Their entries
-    # are 0 and 1, so by Cramer and Hadamard it is no larger than this.
-    n = len(columns)
-    largest = n ** (n / 2 + 1) * float(np.abs(limits).max())
-    bounds, none = [(-largest, largest)] * n, np.zeros(n)
-    least, _ = proved_minimum(none, rows, limits, bounds, none)
-    return least < math.inf

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.bends import least_durations
 from twosra_mpc.planning.bounds.schedule import fixed_cost, with_durations
-from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way, reachable
+from twosra_mpc.planning.bounds.stage_bounds import Shapes, StageBounds, Way
 from twosra_mpc.planning.search.nodes import Stages, Whole
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, rigid_mode, sequence_name
@@ -53,7 +53,7 @@ class Alone:
             if bend is not None:
                 found = list(least_durations(sequence, bend))
             if sequence == (stage.rigid,):
-                found[0] = max(found[0], stage.drive.at_least())
+                found[0] = max(found[0], stage.drive(0.0))
             self._durations[key] = found
         return self._durations[key]
 
@@ -147,24 +147,22 @@ class ToGo:
     variants: Sequence[Stages]
     alone: Alone
     soft_travel_m: float
-    _known: dict[tuple[int, int, Mode, Way], float] = field(default_factory=dict)
+    _known: dict[tuple[int, int, Mode, Way, Shapes], float] = field(default_factory=dict)
 
     def after(self, variant: int, done: int) -> float:
         """Least that the stages from a number on add, whatever the one before does."""
-        if done == len(self.variants[variant]):
-            return 0.0
-        endings = self.variants[variant][done - 1].endings
-        return min(self.least(variant, done, mode, Way(drives=True)) for mode in endings)
+        last, way = self.variants[variant][done - 1], Way(drives=True)
+        return min(self.least(variant, done, mode, way, last.shapes) for mode in last.endings)
 
-    def least(self, variant: int, done: int, begins: Mode, way: Way) -> float:
-        """Least that the stages from a number on add, from a stiffness on.
+    def least(self, variant: int, done: int, begins: Mode, way: Way, shapes: Shapes) -> float:
+        """Least that the stages from a number on add, from a stiffness and one of these shapes on.
 
         ``way`` is what has moved since the last end of a stage whose place is known.
         """
         stages = self.variants[variant]
         if done == len(stages):
             return 0.0
-        key = (variant, done, begins, way)
+        key = (variant, done, begins, way, shapes)
         if key not in self._known:
             stage, best, later = stages[done], math.inf, self.after(variant, done + 1)
             known = done + 1 == len(stages) or stages[done + 1].since == 1
@@ -174,10 +172,10 @@ class ToGo:
                 if sequence is None:
                     best = cost + later
                     break
-                after = way.then([sequence], [stage])
-                if not self.too_far(stage, after):
-                    after = Way() if known else after
-                    best = min(best, cost + self.least(variant, done + 1, sequence[-1], after))
+                after, ends = way.then([sequence], [stage]), stage.ends_in(sequence, shapes)
+                if ends is not None and not self.too_far(stage, after):
+                    begun = sequence[-1], Way() if known else after, ends
+                    best = min(best, cost + self.least(variant, done + 1, *begun))
                 if best <= cost + later:
                     break
             self._known[key] = best
@@ -219,7 +217,7 @@ class SoFar:
     weights: Weights
     to_go: ToGo
     _past: dict[Whole, Past] = field(default_factory=dict)
-    _bending: dict[tuple[int, tuple[ModeSequence, ...]], bool] = field(default_factory=dict)
+    _shapes: dict[Whole, Shapes | None] = field(default_factory=dict)
     _onwards: dict[tuple[StageBounds, Mode, frozenset[int]], float | None] = field(
         default_factory=dict
     )
@@ -269,26 +267,25 @@ class SoFar:
         misfits = (stage.misfit(sequence) for stage, sequence in pairs)
         if (reason := next(filter(None, misfits), None)) is not None:
             return reason
-        if not self._bends(over):
-            return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
         done, stages = len(over.sequences), self.variants[over.variant]
         last, since = stages[done - 1], slice(done - stages[done - 1].since, done)
+        if (done > 1 or last.bend is None) and self.shapes(over) is None:
+            return f"{sequence_name(over.joined)} cannot bend as the tasks ask"
         if last.distance_m:
             way = Way().then(over.sequences[since], stages[since])
             if self.to_go.too_far(last, way):
                 return "without a drive it does not come so far"
         return self.timing.refusal(over.joined, over.joined[-1])
 
-    def _bends(self, over: Whole) -> bool:
-        """True if the modes can bring about the shapes of the stages."""
-        stages = self.variants[over.variant][: len(over.sequences)]
-        if all(stage.bend is not None for stage in stages):
-            return True  # else one of them were a misfit
-        modes = tuple(tuple(sorted(set(filter(any, each)))) for each in over.sequences)
-        key = over.variant, modes
-        if key not in self._bending:
-            self._bending[key] = reachable([stage.change for stage in stages], modes)
-        return self._bending[key]
+    def shapes(self, over: Whole) -> Shapes | None:
+        """Shapes after these stages, as far as the goals and modes tell; None if there are none."""
+        if over not in self._shapes:
+            *before, last = over.sequences
+            stage = self.variants[over.variant][len(before)]
+            begun: Shapes | None = ((0.0,) * len(stage.shapes),) * len(stage.shapes)
+            begun = self.shapes(over._replace(sequences=tuple(before))) if before else begun
+            self._shapes[over] = begun and stage.ends_in(last, begun)
+        return self._shapes[over]
 
     # --- The stage that is open
 

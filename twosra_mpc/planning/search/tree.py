@@ -68,9 +68,8 @@ class Leaves:
             return None
         network = self.so_far.network(whole, self.last(whole), durations)
         stages, weights = self.variants[whole.variant], self.so_far.weights
-        return Together(
-            network, stages, whole.sequences, self.relaxation, weights, durations
-        ).bound()
+        given = network, stages, whole.sequences, self.relaxation, weights, durations
+        return Together(*given).bound()
 
     def tighter(
         self, whole: Whole, drives_s: Sequence[Sequence[float]], bound: float, enough: float
@@ -99,12 +98,12 @@ class Leaves:
         self, whole: Whole, drives_s: Sequence[Sequence[float]], enough: float
     ) -> list[float]:
         """Least durations of drives, those of stages that are nothing else with more effort [s]."""
-        found = list[float]()
         triples = zip(self.variants[whole.variant], whole.sequences, drives_s, strict=True)
-        for stage, sequence, own_s in triples:
-            alone = sequence == (stage.rigid,)
-            found += [max(*own_s, stage.drive.at_least(enough))] if alone else own_s
-        return found
+        return [
+            max(least_s, stage.drive(enough)) if sequence == (stage.rigid,) else least_s
+            for stage, sequence, own_s in triples
+            for least_s in own_s
+        ]
 
     def _by_motion(self, whole: Whole, drives_s: Sequence[float], enough: float) -> float:
         """Bound of the first stage by parts of what it may do, and by its pose."""
@@ -326,17 +325,18 @@ class Tree(Generic[Solution]):
         reason = self.in_the_way[node.variant][done].blocks(None) or stage.impossible
         if reason is not None:
             return self._infeasible(whole, reason)
-        to_go, least = self.leaves.so_far.to_go, past.cost
+        to_go = self.leaves.so_far.to_go
         if done and node.head == stage.opening(begins):
-            return least + to_go.least(node.variant, done, past.phases[-1], self._way(node))
+            shapes = self.leaves.so_far.shapes(Whole(*node[:2]))
+            assert shapes is not None, "else what is over were impossible"
+            begun = past.phases[-1], self._way(node), shapes
+            return past.cost + to_go.least(node.variant, done, *begun)
         if not node.head:
-            return least
+            return past.cost
         if (reason := self.leaves.so_far.timing.refusal(whole, stage.rigid)) is not None:
             return self._infeasible(whole, reason)
-        motion_s = self.leaves.motion_s
-        return self.leaves.so_far.least(stage, whole, past.durations, motion_s) + to_go.after(
-            node.variant, done + 1
-        )
+        least = self.leaves.so_far.least(stage, whole, past.durations, self.leaves.motion_s)
+        return least + to_go.after(node.variant, done + 1)
 
     def _past(self, over: Whole) -> Past:
         """What stages that are over take, by what is known so far of what is in their way."""

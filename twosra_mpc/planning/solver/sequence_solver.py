@@ -271,12 +271,12 @@ def turning(
     free = np.array([*map(is_rigid, motion.sequence)]) & ~motion.lasting_s.any(axis=1)
     drives, gained = np.flatnonzero(free & (longer_s > 0)), found.problem.gap * cost
     for most in (1, _DRIVES) if longer_s[drives].sum() > gained else ():
-        made = (
-            None
-            if out_of_effort()
-            else checked(found.problem, make(drives.tolist(), most), found.network)
-        )
-        if made is not None and made[0] < cost - gained:
+        if out_of_effort():
+            return
+        made = checked(found.problem, make(drives.tolist(), most), found.network)
+        if made is not None:
+            if made[0] >= cost - gained:
+                return
             yield made
 
 
