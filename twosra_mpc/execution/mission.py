@@ -297,10 +297,10 @@ class Mission:
         q, line = self.belief.q, task.line
         pose = composed(q[:POSE], part_in_b0(self.problem.robot, q[POSE:], task.part))
         if task.object is not None:
-            pose = self.poses()[self._numbers[task.object]]
-            pose[2] = (
-                pose[2] if self.problem.objects[self._numbers[task.object]].disc is None else q[2]
-            )
+            number = self._numbers[task.object]
+            pose = self.poses()[number]
+            if self.problem.objects[number].disc is not None:
+                pose[2] = q[2]
         off_m = math.hypot(*(pose[:2] - line.points[-1]))
         off_rad = abs(math.remainder(float(pose[2] - line.headings[-1]), math.tau))
         if off_m > task.position_tolerance_m or off_rad > task.heading_tolerance_rad:

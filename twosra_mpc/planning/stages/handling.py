@@ -166,7 +166,7 @@ class Handling:
         if task.hold == "caged":
             touches, geometry = [], self.problem.robot.geometry
             for number, each in enumerate(found.touches):
-                if number >= _MOST_TESTED and math.isfinite(min(rooms_m.values())):
+                if touches and number >= _MOST_TESTED:
                     break
                 alike = _alike(thing, each)
                 if alike not in rooms_m:
@@ -174,9 +174,8 @@ class Handling:
                 if rooms_m[alike] < most_m:
                     touches.append(each)
         if not touches:
-            self.refused[
-                _no_grasp(task, found, min(rooms_m.values(), default=math.inf), most_m)
-            ] = True
+            least_m = min(rooms_m.values(), default=math.inf)
+            self.refused[_no_grasp(task, found, least_m, most_m)] = True
         few = ((each, rooms_m.get(_alike(thing, each), math.inf)) for each in _a_few(touches))
         self._known[key] = tuple(few)
         return self._known[key]
