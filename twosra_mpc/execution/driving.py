@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: soft segments differ by up to 0.44 of it, a stiff one by all of it
+_FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
 
@@ -69,12 +70,14 @@ class Driving:
         self.bends, self.last = self._goes_on()
         modes = [phase.mode for phase in plan.phases[index:]]
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
+        self.closes = self.last and not self.rigid and self.mission.closes
         self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
         self.begun = self.belief.q.copy()
         if self.belief.guard is not None:
             self.belief.guard.begin(self.begun)
         self._before, self._best, self._looks = math.inf, math.inf, 0
-        self._left_s = self.patience.come_nearer_s  # of driving: looks do not count
+        self._nearer_s = _FELT_S if self.closes else self.patience.come_nearer_s
+        self._left_s = self._nearer_s  # of driving: looks do not count
 
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
@@ -114,7 +117,7 @@ class Driving:
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s
         if not over or off < self.patience.stuck * self._best:
-            self._left_s, self._best = self.patience.come_nearer_s, off
+            self._left_s, self._best = self._nearer_s, off
         return command
 
     def _standing(self) -> Next | None:
@@ -145,7 +148,7 @@ class Driving:
         tries = self._before <= self.patience.nearer * before
         tries |= doubtful and self._looks <= self.patience.tries
         if tries and self._near_enough() < self._before:
-            self._left_s, self._best = self.patience.come_nearer_s, math.inf
+            self._left_s, self._best = self._nearer_s, math.inf
             return self
         return self._judged_pose() if self.rigid else self._judged_bends()
 
@@ -228,7 +231,7 @@ class Driving:
         if lost:
             away_mm = f"{1e3 * far_m:z.0f} mm"
             raise AstrayError(f"the robot is {away_mm} and {abs(turn):z.2f} rad from the plan")
-        if not soft:
+        if not soft or self.closes:  # what it closes round may bend them apart
             return
         apart = float(np.ptp(away[POSE:][soft])) / 2
         bent = (belief.q - self.begun)[POSE:][soft]

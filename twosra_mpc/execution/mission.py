@@ -30,6 +30,7 @@ from twosra_mpc.problem.tasks import (
     Release,
     Task,
     carries,
+    follows,
     grasps,
     passes,
 )
@@ -213,11 +214,8 @@ class Mission:
         for i in held:
             cage = cage_of(problem, q, i, composed(inverse(q[:POSE]), poses[i]))
             room_m = cage.room_m + _LOOSER_M if cage is not None and cage.proved else 0.0
-            aimed |= {
-                k: _within(task, room_m)
-                for k, task in enumerate(tasks)
-                if isinstance(task, Follow) and task.object == holding
-            }
+            led = follows(tasks, problem.objects[i].name)
+            aimed |= {k: task.no_nearer_than(room_m) for k, task in led.items()}
         left = [aimed.get(i, task) for i, task in enumerate(tasks)]
         self._asked |= dict(zip(left, tasks, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
@@ -299,10 +297,10 @@ class Mission:
         q, line = self.belief.q, task.line
         pose = composed(q[:POSE], part_in_b0(self.problem.robot, q[POSE:], task.part))
         if task.object is not None:
-            pose = self.poses()[self._numbers[task.object]]
-            pose[2] = (
-                pose[2] if self.problem.objects[self._numbers[task.object]].disc is None else q[2]
-            )
+            number = self._numbers[task.object]
+            pose = self.poses()[number]
+            if self.problem.objects[number].disc is not None:
+                pose[2] = q[2]
         off_m = math.hypot(*(pose[:2] - line.points[-1]))
         off_rad = abs(math.remainder(float(pose[2] - line.headings[-1]), math.tau))
         if off_m > task.position_tolerance_m or off_rad > task.heading_tolerance_rad:
@@ -413,11 +411,6 @@ class Mission:
             pieces = convex_parts(held.corners_m)
         world = world.with_values(obstacles=kept)
         self.belief.guard = Guard(problem, self.belief.patience, world, pieces)
-
-
-def _within(task: Follow, least_m: float) -> Follow:
-    """A path that is planned to be followed no nearer than a cage allows; it is judged as asked."""
-    return task.with_values(position_tolerance_m=max(task.position_tolerance_m, least_m))
 
 
 def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:

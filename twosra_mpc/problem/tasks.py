@@ -404,6 +404,10 @@ class Follow(Task):
         """True if its path has headings."""
         return self.heading != "free" or len(self.path[0]) == 3
 
+    def no_nearer_than(self, room_m: float) -> Follow:
+        """The same path, with a tolerance of no less than a cage leaves of room."""
+        return self.with_values(position_tolerance_m=max(self.position_tolerance_m, room_m))
+
     @property
     def left(self) -> Polyline:
         """What is left of its path."""
@@ -446,6 +450,12 @@ def grasps(tasks: Sequence[Task]) -> dict[int, Grasp]:
 def carries(tasks: Sequence[Task]) -> dict[int, Carry]:
     """Tasks that carry, by their place."""
     return _of_kind(tasks, Carry)
+
+
+def follows(tasks: Sequence[Task], name: str) -> dict[int, Follow]:
+    """Tasks that lead an object along a path, by their place."""
+    found = _of_kind(tasks, Follow)
+    return {i: task for i, task in found.items() if task.object == name}
 
 
 def _of_kind(tasks: Sequence[Task], kind: type[Kind]) -> dict[int, Kind]:

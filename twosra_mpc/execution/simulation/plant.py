@@ -357,7 +357,7 @@ class SimulatedRobot:
             errors = noise[:POSE] * self._object_noise.standard_normal((ticks, *poses.shape))
             shown = _rounded(poses + errors, step[:POSE])
             lost = self._object_noise.random((ticks, len(poses))) < self._disturbance.objects_lost
-            lost[np.array(taken) % self._disturbance.object_frames > 0] = True
+            lost[np.array(taken) % (self._disturbance.object_gap + 1) > 0] = True
             objects = list(np.where(lost[..., None], np.nan, shown))
         self._on_the_way += zip(taken, frames, objects, strict=True)
 

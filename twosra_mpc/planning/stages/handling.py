@@ -16,7 +16,7 @@ from twosra_mpc.planning.stages.along import begins_well, drives_along, least_ti
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries
+from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries, follows
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
@@ -156,9 +156,8 @@ class Handling:
 
         Where it is led along a path, in those whose room is within the tolerance of the path.
         """
-        most_m = min(
-            (each.position_tolerance_m for each in self._led(task.object)), default=math.inf
-        )
+        led = follows(self.problem.tasks, task.object).values()
+        most_m = min((each.position_tolerance_m for each in led), default=math.inf)
         key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold, most_m
         if key in self._known:
             return self._known[key]
@@ -167,7 +166,7 @@ class Handling:
         if task.hold == "caged":
             touches, geometry = [], self.problem.robot.geometry
             for number, each in enumerate(found.touches):
-                if number >= _MOST_TESTED and math.isfinite(min(rooms_m.values())):
+                if touches and number >= _MOST_TESTED:
                     break
                 alike = _alike(thing, each)
                 if alike not in rooms_m:
@@ -175,18 +174,11 @@ class Handling:
                 if rooms_m[alike] < most_m:
                     touches.append(each)
         if not touches:
-            self.refused[
-                _no_grasp(task, found, min(rooms_m.values(), default=math.inf), most_m)
-            ] = True
+            least_m = min(rooms_m.values(), default=math.inf)
+            self.refused[_no_grasp(task, found, least_m, most_m)] = True
         few = ((each, rooms_m.get(_alike(thing, each), math.inf)) for each in _a_few(touches))
         self._known[key] = tuple(few)
         return self._known[key]
-
-    def _led(self, name: str) -> list[Follow]:
-        """Tasks that lead an object along a path."""
-        return [
-            task for task in self.problem.tasks if task.about == name and isinstance(task, Follow)
-        ]
 
     def _carried(self, stage: Stage, task: Carry, at: State) -> Iterator[State]:
         """The stages that end with what is held at a pose."""
