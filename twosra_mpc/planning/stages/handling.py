@@ -12,7 +12,13 @@ import numpy as np
 from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.stages.along import begins_well, drives_along, least_time_s, part_in_b0
+from twosra_mpc.planning.stages.along import (
+    begins_well,
+    drives_along,
+    late,
+    least_time_s,
+    part_in_b0,
+)
 from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
@@ -201,18 +207,20 @@ class Handling:
         if task.object is not None:
             assert hold is not None, "checked with the problem"
             in_b0 = hold.pose_in_b0 * [1, 1, self.problem.objects[hold.number].disc is None]
-        begins = self._begins(task, at, in_b0)
+        begins, said = self._begins(task, at, in_b0), task.said(len(at.placements) + 1)
         refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
         if all(refused):
-            said = task.said(len(at.placements) + 1)
             self.refused[f"{said}: {refused[0]}"] = not at.placements
-        least_s = least_time_s(robot, kappa, task, in_b0)
+        least_s = max(stage.least_s, least_time_s(robot, kappa, task, in_b0))
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
         met, clear = dict[float, str](), False
         for begin, why in zip(begins, refused, strict=True):
             q = np.concatenate([begin, kappa])
             for along in drives_along(robot, q, task, in_b0) if why is None else ():
                 if may is not None and not may(along.twists).all():
+                    continue
+                if (slow := late(robot, task, along, in_b0)) is not None:
+                    self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
                     continue
                 share, name = self._met(along.motion.states[0])
                 if name is not None:
@@ -226,7 +234,6 @@ class Handling:
                 yield at._replace(placements=before).after(own)
         if met and not clear:
             where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
-            said = task.said(len(at.placements) + 1)
             self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
 
     def _blocked(self, task: Follow) -> bool:
