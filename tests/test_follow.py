@@ -131,6 +131,28 @@ def test_a_path_with_times_is_followed_in_time_or_refused(from_m: float) -> None
     assert proved
 
 
+PUSH = [[0.0, 0.0345], [0.0, 0.4], [0.3, 0.4], [0.3, 0.8]]
+TIGHT = [[0.0, 0.0345], [0.0, 0.06], [0.02, 0.06], [0.02, 0.0345]]
+ASIDE = [[0.0, 0.0345], [0.3, 0.0345], [0.36, 0.0345], [0.5, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("path", "words"), [(PUSH, ""), (TIGHT, "of a radius of"), (ASIDE, "aside")]
+)
+def test_what_is_pushed_follows_what_friction_allows(path: Any, words: str) -> None:
+    crate: Any = {"name": "crate", "box": {"x_m": [-0.03, 0.03], "y_m": [-0.03, 0.03]}}
+    crate |= {"friction": 0.4, "pose": {"x_m": 0.0, "y_m": 0.0345}}  # half a millimetre away
+    start: Any = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    tasks: Any = [{"do": "follow", "object": "crate", "path": {"bezier": path}}]
+    start["holding"] = "crate"
+    found = plan(Problem(robot=ROBOT, start=start, tasks=tasks, objects=[crate], gap=0.5))
+    if words:
+        assert (found.status, found.plan) == (Status.FAILED, None)  # for other drives may do
+        assert words in found.message
+    else:
+        assert found.require().verification.ok
+
+
 def test_a_path_that_begins_elsewhere_says_what_to_do_before() -> None:
     start = {"x_m": 0.2, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
     tasks = [{"do": "follow", "path": SQUARE}]
