@@ -21,6 +21,7 @@ _SVG_M = 1e-3  # of a unit of SVG files
 _SAME_M = 1e-9  # points as near to each other are one
 _JUMP, _MANY = 20.0, 10  # times the median step, where there are so many
 _SVG = re.compile(r"([A-Za-z])|([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
+_CUSP_RAD = 3.0  # turns by more are back, and no bend does instead
 _CLOCK = "t_s"  # column of times
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "Z": 0}  # of commands
 
@@ -111,6 +112,11 @@ def wrong_place(line: Polyline, most_turn_rad: float, within_m: float) -> tuple[
     if turns.max(initial=0.0) <= most_turn_rad:
         return None
     radius_m = within_m / (1 / max(math.cos(turns.max() / 2), _SAME_M) - 1)
+    if turns.max() > _CUSP_RAD:
+        apart = "a task that ends here, and one that goes on from here"
+        return int(
+            turns.argmax()
+        ) + 1, f'no cusp, at which it turns back: {apart}; or heading = "free"'
     by = f"a bend, where it turns by {math.degrees(turns.max()):z.0f} degrees at once"
     room = f"of a radius up to {1e3 * radius_m:z.2g} mm, which keeps within the tolerance"
     return int(turns.argmax()) + 1, f'{by}: {room}; or heading = "free"'

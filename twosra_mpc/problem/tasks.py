@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import reading
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet
 from twosra_mpc.problem.polyline import Polyline, flattened, read_path, wrong_place
 from twosra_mpc.problem.tolerances import ROUNDING
@@ -357,8 +356,10 @@ class Follow(Task):
     def _of_a_file(cls, data: Any) -> Any:
         if not isinstance(data, dict) or not isinstance(data.get("path"), str | Path):
             return data
-        with reading("path", "path"):
+        try:
             points, times_s = read_path(data["path"])
+        except InputError as error:
+            raise error.within("path", "") from None
         return {**data, "path": points} | ({"times_s": times_s} if times_s else {})
 
     @field_validator("path", mode="before")

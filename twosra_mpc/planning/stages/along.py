@@ -42,7 +42,7 @@ _LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
 _PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
 _TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
 _ALIKE_RAD = 1e-3  # headings that are the same
-_ROUNDS = 40  # in which stretches between points that have times come to last as long as asked
+_ROUNDS, _IN_TIME_S = 40, 1e-9  # in which stretches between times come to last as long as asked
 _CHORDS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
@@ -142,7 +142,7 @@ def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -
     ends_s = float(due[-1, 1]) if len(due) else 0.0
     slow, own = np.zeros(len(due) + 1), np.searchsorted(due[:, 0], u)
     asked_s = np.diff(due[:, 1], prepend=0.0)
-    for _ in range(_ROUNDS if len(due) else 1):
+    for _ in range(_ROUNDS):
         speed = np.sqrt(squared_speeds(u, np.maximum(r, slow[own]), turn, most))
         time_s = 2 * np.diff(u) / (speed[1:] + speed[:-1])
         paced = twist * speed[:, None]
@@ -151,6 +151,8 @@ def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -
         least_s = max(robot.limits.phase_s, ends_s)
         slower = max(used, math.sqrt(gained), least_s / float(time_s.sum()), 1.0)
         took_s = np.diff(np.interp(due[:, 0], u, np.append(0.0, time_s.cumsum())), prepend=0.0)
+        if np.abs(took_s - asked_s).max(initial=0.0) < _IN_TIME_S:
+            break
         slow[:-1] = np.where(slow[:-1] > 0, slow[:-1], took_s / np.diff(due[:, 0], prepend=0.0))
         slow[:-1] *= asked_s / took_s
     twist, time_s = paced / slower, time_s * slower

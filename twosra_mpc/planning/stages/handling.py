@@ -37,6 +37,7 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _ALIKE = 6  # decimals of m and 1/m
+_STILL_M = 1e-12  # of an object in an interval
 
 
 class Handling:
@@ -321,21 +322,22 @@ class Handling:
 
 def _slides(cone: PushingCone, along: Along, pose_in_b0: Array) -> tuple[float, str]:
     """How far along a path friction holds what is pushed [m], and what bends there, in words."""
-    kept = cone.holds(along.twists).reshape(2, -1)
-    number = int(kept.all(axis=0).argmin())
-    u, v, turned = along.twists.reshape(2, -1, POSE)[int(kept[0, number]), number].tolist()
-    x, y = pose_in_b0[:2].tolist()
-    moved = np.array([u - turned * y, v + turned * x])
+    kept, (x, y) = cone.holds(along.twists), pose_in_b0[:2].tolist()
+    number = int(kept.reshape(2, -1).all(axis=0).argmin())
     gone_m = float(np.hypot(*np.diff(along.poses[: number + 1, :2], axis=0).T).sum())
-    size = float(np.hypot(*moved))
-    bends = cone.bends(moved / size, pose_in_b0[:2]) if size > 0 else None
+    u, v, r = along.twists[~kept].T
+    moved = np.column_stack([u - r * y, v + r * x])
+    sizes = np.maximum(np.hypot(*moved.T), _STILL_M)
+    worst = int(np.abs(r / sizes).argmax())
+    turned, size = float(r[worst]), float(sizes[worst])
+    bends = cone.bends(moved[worst] / size, pose_in_b0[:2])
     where = f"is held by friction for {gone_m:z.2f} m of its path, then not"
     if bends is None:
         return gone_m, f"{where}: it is pushed aside; have it grasped on another side"
     left, right = (f"{1e3 / k:z.0f} mm" if k > 0 else "none" for k in (bends[1], -bends[0]))
-    radius = f"{1e3 * size / abs(turned):z.0f} mm" if turned else "no bend"
+    radius = f"one of {1e3 * size / abs(turned):z.0f} mm" if turned else "none there"
     least = f"of a radius of {left} to the left and {right} to the right at least"
-    return gone_m, f"{where}: pushed so it follows bends {least}, and here it is {radius}"
+    return gone_m, f"{where}: pushed so it follows bends {least}, and the path has {radius}"
 
 
 def _shape(kappa: Array, slack_per_m: Array | float = 0.0) -> Goal:
