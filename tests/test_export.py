@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import pytest
 from conftest import Run
 from once import planned, solved
 
-from twosra_mpc import InputError
+from twosra_mpc import Follow, InputError
 from twosra_mpc.lab.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.lab.identification.motion_log import save_authors_csv
+from twosra_mpc.plans.carried import object_poses
 
 # --- CSV -----------------------------------------------------------------------------------------
 
@@ -34,6 +36,24 @@ def test_csv_values_equal_the_plan(rate_Hz: float | None, tmp_path: Path) -> Non
     assert ",".join(header) == "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
     expected = np.column_stack([samples.q, samples.v, samples.mode, samples.t_s])
     np.testing.assert_array_equal(table, expected)
+
+
+def test_csv_has_what_is_carried_and_where_it_should_be(tmp_path: Path) -> None:
+    line = Follow(object="cup", path=[(0.0, 0.2), (0.3, 0.2)])
+    problem = planned("rigid-move").problem.with_values(
+        objects=[{"name": "cup", "disc": {"radius_m": 0.03}, "pose": {"x_m": 0.0, "y_m": 0.2}}],
+        start=planned("rigid-move").problem.start.with_values(holding="cup"),
+        tasks=[line],
+    )
+    trajectory = replace(planned("rigid-move").trajectory, problem=problem, done_s=(5.0,))
+    made = replace(planned("rigid-move"), trajectory=trajectory)
+    save_authors_csv(made, tmp_path / "plan.csv")
+    header, table = rows_of(tmp_path / "plan.csv")
+    assert header[13:] == ["object_x", "object_y", "object_angle", "path_x", "path_y"]
+    poses = object_poses(trajectory, table[:, 12])[:, 0]
+    np.testing.assert_allclose(table[:, 13:16], poses, atol=1e-9)
+    assert (table[:, 17] == 0.2).all()
+    assert (np.diff(table[:, 16]) >= 0).all()
 
 
 # --- refused -------------------------------------------------------------------------------------

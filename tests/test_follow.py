@@ -11,11 +11,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import Follow, InputError, Problem, Status, load_problem, load_robot, plan
+from twosra_mpc.checking.followed import followed, tube_problems
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
-from twosra_mpc.planning.stages.along import drives_along, least_time_s, part_in_b0
+from twosra_mpc.planning.stages.along import drives_along, late, least_time_s, part_in_b0
 from twosra_mpc.plotting.run_figures import run_playback
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import Array, composed
@@ -99,12 +100,57 @@ SQUARE = [[0, 0], [0.3, 0], [0.3, 0.3]]
         ({"path": {"bezier": SQUARE}}, "path", "control points"),
         ({"path": [[0, 0, 0], [1, 0, 0]], "heading": "tangent"}, "heading", "left out"),
         ({"path": SQUARE, "from_m": 2.0}, "from_m", "less than"),
+        ({"path": SQUARE, "times_s": [0.0, 9.0]}, "times_s", "one for each of 3 points"),
+        ({"path": SQUARE, "times_s": [0.0, 9.0, 8.0]}, "times_s.2", "later than the one before"),
     ],
 )
 def test_what_nothing_can_follow_is_refused(given: Any, field: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as refused:
         Follow(**given)
     assert refused.value.field.endswith(field)
+
+
+@pytest.mark.parametrize("from_m", [0.0, 0.1])
+def test_a_path_with_times_is_followed_in_time_or_refused(from_m: float) -> None:
+    kappa, given = np.zeros(2), {"path": SQUARE, "from_m": from_m}
+    task = Follow(**given, times_s=[50.0, 60.0, 80.0])  # type: ignore[arg-type]
+    q = np.array([*task.left.points[0], 0.0, *kappa])
+    for found in drives_along(ROBOT, q, task, np.zeros(3)):
+        assert late(ROBOT, task, found, np.zeros(3)) is None
+        assert found.lasts_s == pytest.approx(30.0 * (1 - from_m / 0.9), abs=1e-9)
+        at_s = np.append(0.0, found.motion.lasting_s[0].cumsum())
+        poses = found.motion.states[0, :, :3]
+        assert not [*tube_problems(task, followed(task, at_s, poses))]
+        hurried = task.with_values(times_s=[50.0, 55.0, 80.0])
+        (words,) = tube_problems(hurried, followed(hurried, at_s, poses))
+        assert "from where it is due" in words
+    hurried = task.with_values(times_s=[50.0, 60.0, 61.0])
+    (found, *_) = drives_along(ROBOT, q, hurried, np.zeros(3))
+    words, proved = late(ROBOT, hurried, found, np.zeros(3)) or ("", False)
+    assert "it takes 5.69 s at least" in words
+    assert proved
+
+
+PUSH = [[0.0, 0.0345], [0.0, 0.4], [0.3, 0.4], [0.3, 0.8]]
+TIGHT = [[0.0, 0.0345], [0.0, 0.06], [0.02, 0.06], [0.02, 0.0345]]
+ASIDE = [[0.0, 0.0345], [0.3, 0.0345], [0.36, 0.0345], [0.5, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("path", "words"), [(PUSH, ""), (TIGHT, "of a radius of"), (ASIDE, "aside")]
+)
+def test_what_is_pushed_follows_what_friction_allows(path: Any, words: str) -> None:
+    crate: Any = {"name": "crate", "box": {"x_m": [-0.03, 0.03], "y_m": [-0.03, 0.03]}}
+    crate |= {"friction": 0.4, "pose": {"x_m": 0.0, "y_m": 0.0345}}  # half a millimetre away
+    start: Any = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    tasks: Any = [{"do": "follow", "object": "crate", "path": {"bezier": path}}]
+    start["holding"] = "crate"
+    found = plan(Problem(robot=ROBOT, start=start, tasks=tasks, objects=[crate], gap=0.5))
+    if words:
+        assert (found.status, found.plan) == (Status.FAILED, None)  # for other drives may do
+        assert words in found.message
+    else:
+        assert found.require().verification.ok
 
 
 def test_a_path_that_begins_elsewhere_says_what_to_do_before() -> None:
@@ -131,7 +177,8 @@ def test_a_path_begins_where_the_task_before_allows(before: dict[str, Any]) -> N
 
 def test_files_hold_the_same_path(tmp_path: Path) -> None:
     csv, svg = tmp_path / "path.csv", tmp_path / "path.svg"
-    csv.write_text("x,y\n0,0\n0.3,0\n0.3,0.3\n")
+    csv.write_text("x,y,t_s\n0,0,1\n0.3,0,2\n0.3,0.3,9\n")
+    assert Follow(path=str(csv)).times_s == (1.0, 2.0, 9.0)  # type: ignore[arg-type]
     svg.write_text('<svg><path d="M0 0 h300 v-300"/></svg>')
     for name in (csv, svg):
         line = Follow(path=str(name)).line  # type: ignore[arg-type]

@@ -19,6 +19,7 @@ from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 
 _FINE_M, _FINE = 1e-3, 0.05  # between places that are looked at, and of the tolerance
+_STILL_M = 1e-9  # gone: it has not set off
 _AHEAD = 4.0  # times the tolerance, that progress may gain at once
 
 
@@ -34,6 +35,7 @@ class Followed(NamedTuple):
         between_rad: The same of the heading.
         left_m: What it has not come to of the path.
         within_m: How far from the path it may be.
+        due_m: How far from each point that has a time it is then, (k,).
     """
 
     t_s: Array
@@ -44,6 +46,7 @@ class Followed(NamedTuple):
     between_rad: float
     left_m: float
     within_m: float
+    due_m: Array
 
 
 OFF_PATH = "off its path"  # what is said of it, wherever numbers are called something
@@ -119,6 +122,9 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
     turned = np.nan_to_num(at[:, 2] - asked)
     off_rad = np.abs(np.mod(turned + math.pi, math.tau) - math.pi)
     changed = np.abs(np.diff(at[:, 2])) + np.abs(np.diff(asked))
+    sets_off_s = t_s[np.searchsorted(gone, _STILL_M, side="right") - 1]
+    due = task.due
+    then = np.column_stack([np.interp(due[:, 1] + sets_off_s, t_s, xy) for xy in poses[:, :2].T])
     return Followed(
         t_s[marks],
         along_m,
@@ -128,6 +134,7 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
         float(np.nan_to_num(changed).max(initial=0.0)) / 2,
         float(line.length_m[-1] - along_m[-1]),
         near_m,
+        np.hypot(*(then - line.at(due[:, 0])).T),
     )
 
 
@@ -142,5 +149,9 @@ def tube_problems(task: Follow, found: Followed) -> Iterator[str]:
     if found.off_rad[worst] + found.between_rad > most[1] + GOAL_TOLERANCE:
         off = f"{found.off_rad[worst]:z.3g} rad at {found.t_s[worst]:z.1f} s"
         yield f"its heading is off by {off} (heading_tolerance_rad = {most[1]:zg} rad)"
+    if found.due_m.max(initial=0.0) > most[0] + GOAL_TOLERANCE:
+        late = int(found.due_m.argmax())
+        when = f"{task.due[late, 1]:z.4g} s after it set off"
+        yield f"it is {1e3 * found.due_m[late]:z.3g} mm from where it is due {when}"
     if found.left_m > 2 * most[0]:
         yield f"its path is not followed to the end: {found.left_m:z.3g} m are left"

@@ -76,6 +76,24 @@ class PushingCone:
         size = np.linalg.norm(given, axis=-1, keepdims=True)
         return (given @ self.facets.T <= _OFF * size).all(axis=-1)
 
+    def bends(self, ahead: Array, at: Array) -> tuple[float, float] | None:
+        """Curvatures [1/m] of paths along which an object is held, from the one to the other.
+
+        Args:
+            ahead: Direction in b0 in which a point of it moves, (2,).
+            at: The point in b0, (2,) [m].
+
+        Returns:
+            The least, to the right, and the largest; None where friction never holds it.
+        """
+        x, y = at.tolist()
+        still, turning = self.facets[:, :2] @ ahead, self.facets @ np.array([y, -x, 1.0])
+        fixed = np.abs(turning) < _FLAT
+        ends = -still[~fixed] / turning[~fixed]
+        low = float(ends[turning[~fixed] < 0].max(initial=-np.inf))
+        high = float(ends[turning[~fixed] > 0].min(initial=np.inf))
+        return None if low > high or (still[fixed] > _OFF).any() else (low, high)
+
 
 def pushing_cone(
     geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike, friction: float

@@ -21,6 +21,8 @@ _SVG_M = 1e-3  # of a unit of SVG files
 _SAME_M = 1e-9  # points as near to each other are one
 _JUMP, _MANY = 20.0, 10  # times the median step, where there are so many
 _SVG = re.compile(r"([A-Za-z])|([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
+_CUSP_RAD = 3.0  # turns by more are back, and no bend does instead
+_CLOCK = "t_s"  # column of times
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "Z": 0}  # of commands
 
 
@@ -110,6 +112,11 @@ def wrong_place(line: Polyline, most_turn_rad: float, within_m: float) -> tuple[
     if turns.max(initial=0.0) <= most_turn_rad:
         return None
     radius_m = within_m / (1 / max(math.cos(turns.max() / 2), _SAME_M) - 1)
+    if turns.max() > _CUSP_RAD:
+        apart = "a task that ends here, and one that goes on from here"
+        return int(
+            turns.argmax()
+        ) + 1, f'no cusp, at which it turns back: {apart}; or heading = "free"'
     by = f"a bend, where it turns by {math.degrees(turns.max()):z.0f} degrees at once"
     room = f"of a radius up to {1e3 * radius_m:z.2g} mm, which keeps within the tolerance"
     return int(turns.argmax()) + 1, f'{by}: {room}; or heading = "free"'
@@ -129,30 +136,33 @@ def flattened(control: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
     return [(x, y) for x, y in np.concatenate(found).round(7).tolist()]
 
 
-def read_path(path: str | Path) -> list[tuple[float, ...]]:
-    """Points of a path in a file.
+def read_path(path: str | Path) -> tuple[list[tuple[float, ...]], list[float]]:
+    """Points of a path in a file, and their times [s] where they have some.
 
-    Of a CSV file, rows of x and y [m], and of a heading [rad] where there is a third column; lines
-    without numbers are skipped. Of an SVG file, its one path: a unit is 1 mm, and y points down.
+    Of a CSV file, rows of x and y [m], and of a heading [rad] where there is a third column, times
+    aside: those are in a column named ``t_s``. Lines without numbers are skipped. Of an SVG file,
+    its one path: a unit is 1 mm, and y points down.
 
     Raises:
         InputError: If the file cannot be read, or holds no path, or several.
     """
     text = read_text(Path(path), str(path))
     with reading(str(path), allowed="a path"):
-        return _svg(text) if Path(path).suffix.lower() == ".svg" else _csv(text)
+        return (_svg(text), []) if Path(path).suffix.lower() == ".svg" else _csv(text)
 
 
-def _csv(text: str) -> list[tuple[float, ...]]:
+def _csv(text: str) -> tuple[list[tuple[float, ...]], list[float]]:
     sign = next((each for each in ";\t," if each in text), " ")
-    found = list[tuple[float, ...]]()
+    found, clock, times_s = list[tuple[float, ...]](), -1, list[float]()
     for number, row in enumerate(csv.reader(text.splitlines(), delimiter=sign), start=1):
-        cells = [cell for cell in row if cell.strip()]
+        cells = [cell.strip() for cell in row if cell.strip()]
+        clock = cells.index(_CLOCK) if not found and _CLOCK in cells else clock
         try:
+            times_s += [float(cells.pop(clock))] if clock >= 0 else []
             found.append(tuple(map(float, cells[:3])))
-        except ValueError:
+        except (ValueError, IndexError):
             if found:
-                allowed = "two or three numbers"
+                allowed = f"two or three numbers{', and a time' * (clock >= 0)}"
                 raise InputError(f"line {number}", sign.join(row), allowed) from None
     found = [row for row in found if row]
     if len({len(row) for row in found}) != 1 or len(found[0]) < 2:
@@ -163,7 +173,7 @@ def _csv(text: str) -> list[tuple[float, ...]]:
         times = f"{step[far] / np.median(step):z.0f} times as far as others are apart"
         allowed = f"no jump: the next row is {1e3 * step[far]:z.0f} mm away, {times}"
         raise InputError(f"row {far + 1}", found[far], allowed)
-    return found
+    return found, times_s
 
 
 def _svg(text: str) -> list[tuple[float, ...]]:

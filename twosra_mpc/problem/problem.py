@@ -520,8 +520,10 @@ class Problem(Value):
     def drives_gently(self) -> bool:
         """True if time to spare is used to drive slowly: a robot that may jump needs none.
 
-        Nor does a plan whose cost already says what effort is worth.
+        Nor does a plan whose cost already says what effort is worth, or who follows a path in time.
         """
+        if any(stage.follows is not None and len(stage.follows.due) for stage in self.stages):
+            return False
         limited = self.robot.limits.wheel_acceleration_rad_s2 is not None
         return self.motion == "gentle" and limited and self.weights.effort == 0
 

@@ -346,7 +346,9 @@ class Follow(Task):
     3 k + 1 control points of cubic curves. It is followed from where its first point is, to within
     ``position_tolerance_m`` and as fast as the robot can. The ``heading`` is "free", "tangent" to
     the path or one that is kept; or points have one each, as a third number. It is that of what
-    follows; a disc has none, so it is b0's. Of the path ``from_m`` lies behind.
+    follows; a disc has none, so it is b0's. Of the path ``from_m`` lies behind. With ``times_s``,
+    one for each point, or a column ``t_s`` of the CSV file, it is at each point at its time, to
+    within ``position_tolerance_m``; it sets off at that of the first.
     """
 
     do: Literal["follow"] = "follow"
@@ -357,12 +359,22 @@ class Follow(Task):
     position_tolerance_m: Length = 0.005
     heading_tolerance_rad: Positive = 0.1
     from_m: Distance = 0.0
+    times_s: Several[NonNegative] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_a_file(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or not isinstance(data.get("path"), str | Path):
+            return data
+        try:
+            points, times_s = read_path(data["path"])
+        except InputError as error:
+            raise error.within("path", "") from None
+        return {**data, "path": points} | ({"times_s": times_s} if times_s else {})
 
     @field_validator("path", mode="before")
     @classmethod
     def _read(cls, path: Any) -> Any:
-        if isinstance(path, str | Path):
-            return read_path(path)
         if isinstance(path, dict):
             control: Any = path.get("bezier")
             if set(path) != {"bezier"} or np.shape(control) not in _BEZIER:
@@ -383,9 +395,31 @@ class Follow(Task):
         wrong = wrong_place(self.line, most_rad, self.position_tolerance_m)
         if wrong is not None:
             raise InputError(f"path.{wrong[0]}", self.path[wrong[0]], wrong[1])
+        if self.times_s is not None:
+            self._check_times(self.times_s)
         if not self.from_m < self.line.length_m[-1]:
             raise InputError("from_m", self.from_m, f"less than {self.line.length_m[-1]:zg} m")
         return self
+
+    def _check_times(self, times_s: Sequence[float]) -> None:
+        if len(times_s) != len(self.path):
+            raise InputError("times_s", len(times_s), f"one for each of {len(self.path)} points")
+        if len(self.line.points) != len(self.path):
+            raise InputError("path", self.path, "no point twice in a row, where they have times")
+        for i, (before, after) in enumerate(itertools.pairwise(times_s), start=1):
+            if not after > before:
+                raise InputError(f"times_s.{i}", after, f"later than the one before, {before:zg} s")
+
+    @property
+    def due(self) -> Array:
+        """How far along what is left it is to be [m], and when since it set off [s], (m, 2)."""
+        if self.times_s is None:
+            return np.zeros((0, 2))
+        begun_s = np.interp(self.from_m, self.line.length_m, self.times_s)
+        due = np.column_stack(
+            [self.line.length_m - self.from_m, np.subtract(self.times_s, begun_s)]
+        )
+        return due[due[:, 0] > 0]
 
     def said(self, number: int) -> str:
         """Task in words."""
@@ -415,8 +449,8 @@ class Follow(Task):
 
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """In the shape that the robot has, to the end of the path."""
-        rigid = rigid_mode(len(modes[0]))
-        return Stage((rigid,), rigid, follows=self)
+        rigid, due = rigid_mode(len(modes[0])), self.due
+        return Stage((rigid,), rigid, follows=self, least_s=float(due[-1, 1]) if len(due) else 0.0)
 
 
 _BEZIER = [(3 * k + 1, 2) for k in range(1, 100)]  # shapes of control points

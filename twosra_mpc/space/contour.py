@@ -202,24 +202,27 @@ def slimmer(boxes: Array) -> Array:
 def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Array]:
     """Contacts of a configuration (3 + n,) with a contour, and normals into it, both (k, 2).
 
-    Places on the outline at which a side or an arc of the robot is, and corners of the robot at
-    sides of the outline. Corners at corners are left out: they have no normal.
+    Places on the outline to which a side or an arc of the robot is nearest, and corners of the
+    robot nearest to sides of the outline: a gap around them closes as it pushes. Corners at corners
+    are left out: they have no normal.
     """
     boundary: Any = shapely.points(contour.boundary(_SPACING_M))
     sharp = shapely.multipoints(contour.corners)
-    found, into = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for j in (None, *range(geometry.segments)):
+    found, into, all_of = [np.zeros((0, 2))], [np.zeros((0, 2))], (None, *range(geometry.segments))
+    apart = (np.min(apart_m(geometry, contour, parts(geometry, q[None], j))) for j in all_of)
+    touches_m = max(float(min(apart)), 0.0) + _TOUCHES_M
+    for j in all_of:
         of = parts(geometry, q[None], j)
         boxes, slim = of.solids[0], slimmer(of.solids[0])
         for box, within in zip(boxes, slim, strict=True):
-            near = boundary[shapely.distance(shapely.Polygon(box), boundary) <= _TOUCHES_M]
+            near = boundary[shapely.distance(shapely.Polygon(box), boundary) <= touches_m]
             ends, ahead = _lines(shapely.shortest_line(shapely.Polygon(within), near))
             axis = (box[1] - box[0]) / np.linalg.norm(box[1] - box[0])
             straight = np.abs(ahead @ axis * (ahead @ [-axis[1], axis[0]])) < _STRAIGHT
             found.append(ends[straight])
             into.append(ahead[straight])
             for corner, inside in zip(box, within, strict=True):
-                if contour.distances(shapely.Point(corner)) <= _TOUCHES_M:
+                if contour.distances(shapely.Point(corner)) <= touches_m:
                     ends, ahead = _lines(
                         shapely.shortest_line([shapely.Point(inside)], contour.shape)
                     )
@@ -230,7 +233,7 @@ def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Arr
         for arc in of.arcs[0]:
             line = shapely.LineString(arc)
             off = shapely.distance(line, boundary) - geometry.fibre_radius_m
-            lines = shapely.shortest_line(line, boundary[off <= _TOUCHES_M])
+            lines = shapely.shortest_line(line, boundary[off <= touches_m])
             beside = ~shapely.dwithin(lines, shapely.multipoints(arc[[0, -1]]), _THIN_M)
             ends, ahead = _lines(lines[beside])
             found.append(ends)

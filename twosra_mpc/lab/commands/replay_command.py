@@ -7,13 +7,15 @@ from typing import Any
 
 import click
 
+from twosra_mpc.checking.followed import OFF_PATH, off_words
 from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
 from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
-from twosra_mpc.lab.csv_table import numbers_in
-from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
+from twosra_mpc.lab.csv_table import numbers_in, read_csv
+from twosra_mpc.lab.identification.motion_log import IN_HAND, MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
+from twosra_mpc.lab.identification.transport_log import Transport, transport
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, with_path_model
 from twosra_mpc.robot.modes import mode_name
@@ -25,6 +27,7 @@ from twosra_mpc.robot.modes import mode_name
 @click.option("--path-model", help="Predict by this path model, e.g. arc; default: the robot's.")
 @click.option("--wheels", help="Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.")
 @click.option("--mode", help="Mode of a log of wheels, e.g. 1,0.")
+@click.option("--path", type=FILE, help="Path of the object in the log: CSV or SVG.")
 @plot_option("Draw every phase as measured and as predicted")
 def replay_command(
     log: Path,
@@ -32,6 +35,7 @@ def replay_command(
     path_model: str | None,
     wheels: str | None,
     mode: str | None,
+    path: Path | None,
     plot: Path | None,
     output: Output,
 ) -> None:
@@ -42,12 +46,17 @@ def replay_command(
     wheels turn at a known speed (time stamp, LU1 x, LU1 y, LU1 th, LU2 x, LU2 y, LU2 th in mm and
     degrees). "As bent": along the history of curvatures that was measured.
 
+    A log of an object that is carried (time, x, y, angle, object_x, object_y, object_angle, perhaps
+    path_x, path_y) is compared with its path: how far off, and how far it slipped in the hand.
+
     \b
     A trial, with its figure:
       twosra replay exp1.csv --robot 2sra-v1 --plot exp1.png
     Wheel speed and mode by the file's name (segment 1 soft, wheel 1 at 6 rad/s), and as options:
       twosra replay s1_v1_6.csv --robot 2sra-v1 --path-model log_spiral
       twosra replay poses.csv --robot 2sra-v1 --wheels 6,0,0,0 --mode 1,0
+    How well was an object led along a path?
+      twosra replay transport.csv --robot 2sra-v1 --path path.svg
     """
     described = load_robot(robot)
     if path_model is not None:
@@ -57,6 +66,16 @@ def replay_command(
     if bits is not None and not set(bits) <= {0.0, 1.0}:
         raise InputError("mode", mode, "0 or 1 for each segment: 1,0")
     driven = None if bits is None else tuple(map(int, bits))
+    table = read_csv(log, ())
+    led = transport(table, path)
+    if led is None and path is not None:
+        raise InputError("--path", str(path), f"a log with columns {', '.join(IN_HAND)}")
+    if led is not None and not {"v1", "LU1 x"} & set(table.names):
+        if plot is not None:
+            raise InputError("--plot", str(plot), "a log of what was commanded")
+        document = {"log": str(log), "robot": described.name, "transport": led._asdict()}
+        output.report(lambda: document, lambda: _print_transport(led))
+        return
     recorded = read_motion_log(log, described, wheel_rad_s=speeds, mode=driven)
     phases = replay(recorded, described)
     if plot is not None:
@@ -64,7 +83,19 @@ def replay_command(
 
         plot_replay(recorded, described, phases, plot)
     found = recorded, described, phases
-    output.report(lambda: _document(*found), lambda: _print(*found))
+    more = {} if led is None else {"transport": led._asdict()}
+    output.report(lambda: {**_document(*found), **more}, lambda: _print(*found))
+    if led is not None and not output.as_json and not output.quiet:
+        _print_transport(led)
+
+
+def _print_transport(led: Transport) -> None:
+    """Print how an object was carried."""
+    rows = [("carried", f"{led.from_s:z.1f} s to {led.to_s:z.1f} s")]
+    if led.off_path_mean_m is not None and led.off_path_m is not None:
+        rows.append((OFF_PATH, off_words(led.off_path_mean_m, led.off_path_m)))
+    rows.append(("slip in the hand", f"{1e3 * led.slip_m:z.2f} mm at most"))
+    print_table(("object", ""), rows)
 
 
 def _document(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> dict[str, Any]:

@@ -26,10 +26,12 @@ from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError, doubt
 from twosra_mpc.files import LARGEST, ending_of, reading, write_text
 from twosra_mpc.keys import doubts
-from twosra_mpc.lab.csv_table import finer_unit, number, read_csv
+from twosra_mpc.lab.csv_table import CsvTable, finer_unit, number, read_csv
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import carried, object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import csv_of
+from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -38,6 +40,7 @@ from twosra_mpc.validation import ReadOnlyArrays
 LEAST_ROWS = 3  # of a log: less has no course
 LONGEST_STEP_S = 30.0  # a longer one ends a phase: the robot waits for its metal
 
+IN_HAND, ASKED = ("object_x", "object_y", "object_angle"), ("path_x", "path_y")
 _V = ("v1", "v2", "u0", "v0", "r0")
 _UNITS = tuple(f"LU{unit} {name}" for unit in (1, 2) for name in ("x", "y", "th"))
 _NAMED = re.compile(r"s(\d)_v(\d)_(-?\d+(?:\.\d+)?)$")  # segment, wheel and its speed [rad/s]
@@ -115,6 +118,7 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
     """Write configuration, input and stiffness of a plan as a trial, one row a sample, atomically.
 
     Units are SI: m, rad, 1/m, m/s, rad/s, s. Inputs and stiffness hold from their row to the next.
+    Where something is carried along, further columns say where it is, and where on its path.
 
     Args:
         plan: The plan.
@@ -130,7 +134,27 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
     held = plan.require().trajectory.held(rate_Hz)
     columns = *held.q.T, *held.v.T, *held.mode.T
     named = dict(zip(_of_trial(held.mode.shape[1]), columns, strict=True))
-    write_text(path, csv_of({**named, "time": held.t_s}))
+    write_text(path, csv_of({**named, "time": held.t_s} | _carried(plan.trajectory, held)))
+
+
+def _carried(trajectory: Trajectory, samples: Samples) -> dict[str, Array]:
+    """Columns of the object in hand, or the next or last to be, and of the place on its path."""
+    if not (held := carried(trajectory)):
+        return {}
+    t_s = samples.t_s
+    now = np.minimum(np.searchsorted([each.to_s for each in held], t_s), len(held) - 1)
+    numbers = np.array([each.object for each in held])[now]
+    poses = object_poses(trajectory, t_s, samples.q)[np.arange(len(t_s)), numbers]
+    found = dict(zip(IN_HAND, poses.T, strict=True))
+    paths = ((i, stage.follows) for i, stage in enumerate(trajectory.problem.stages))
+    for i, path in [(i, path) for i, path in paths if path is not None and path.object][:1]:
+        begun_s, done_s = (0.0, *trajectory.done_s)[i : i + 2]
+        during = (t_s >= begun_s) & (t_s <= done_s)
+        at = poses[during, :2]
+        most_m = path.position_tolerance_m + 2 * np.hypot(*np.diff(at, axis=0).T).max()
+        gone_m = np.interp(t_s, t_s[during], path.left.along(at, float(most_m)))
+        found |= dict(zip(ASKED, path.left.at(gone_m).T, strict=True))
+    return found
 
 
 def _read(
@@ -143,7 +167,7 @@ def _read(
     table.check((clock, *wanted), LEAST_ROWS)
     source, values = table.source, table.numbers(*wanted)
     times = table.texts(clock)
-    time_s = _times(times, clock, source)
+    time_s = times_of(table, clock)
     if not wheels:
         bits = values[:, -segments:]
         for row, column in np.argwhere((bits != 0) & (bits != 1)).tolist():
@@ -180,9 +204,13 @@ def _with_phases(log: MotionLog, clock: str) -> MotionLog:
     return log
 
 
-def _times(texts: list[str], name: str, source: str) -> Array:
-    """Times since the first row; those of day to a second are spread (see the module)."""
-    seconds = []
+def times_of(table: CsvTable, name: str) -> Array:
+    """Times since the first row; those of day to a second are spread (see the module).
+
+    Raises:
+        InputError: If one is none, or not after the one before.
+    """
+    texts, source, seconds = table.texts(name), table.source, list[float]()
     for index, text in enumerate(texts, 1):
         try:
             parts = [float(part) for part in text.split(":")]

@@ -42,6 +42,7 @@ _LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
 _PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
 _TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
 _ALIKE_RAD = 1e-3  # headings that are the same
+_ROUNDS, _IN_TIME_S = 40, 1e-9  # in which stretches between times come to last as long as asked
 _CHORDS = (1, 2, 4, 8, 16, 32, 64, 128)
 
 
@@ -105,11 +106,14 @@ def drives_along(
         turned = line.tangent.headings - line.tangents[0]
         headings = [begin[2] + share * turned for share in _TURNED]
         headings = headings if np.ptp(turned) > _ALIKE_RAD else headings[:1]
-    made = (_along(robot, q, line._replace(headings=each), within, in_b0) for each in headings)
+    asked = within, task.due, in_b0
+    made = (_along(robot, q, line._replace(headings=each), *asked) for each in headings)
     return sorted(made, key=lambda drive: drive.lasts_s)
 
 
-def _along(robot: Robot, q: Array, line: Polyline, within: Array, in_b0: Array) -> Along:
+def _along(
+    robot: Robot, q: Array, line: Polyline, within: Array, due: Array, in_b0: Array
+) -> Along:
     whole_m, begin = float(line.length_m[-1]), composed(q[:POSE], in_b0)
     count = max(_LEAST, math.ceil(whole_m / _LONGEST_M))
     while True:
@@ -135,15 +139,26 @@ def _along(robot: Robot, q: Array, line: Polyline, within: Array, in_b0: Array) 
     twist[:, 1] = c * slopes[:, 1] - s * slopes[:, 0] - slopes[:, 2] * x
     rows, wheels = drive_rows(robot, q[POSE:])
     most = robot.limits.wheel_acceleration_rad_s2 or math.inf
-    u = np.arange(len(poses)) / pieces
-    b = squared_speeds(u, np.abs(twist @ rows.T).max(axis=1), twist @ wheels.T, most)
-    speed = np.sqrt(b)
-    time_s = 2 * np.diff(u) / (speed[1:] + speed[:-1])
-    twist *= speed[:, None]
-    gained = np.abs(np.diff(twist, axis=0) @ wheels.T / time_s[:, None]).max() / most
-    used = float(np.abs(twist @ rows.T).max())
-    slower = max(used, math.sqrt(gained), robot.limits.phase_s / float(time_s.sum()), 1.0)
-    twist, time_s = twist / slower, time_s * slower
+    u, r = np.arange(len(poses)) / pieces, np.abs(twist @ rows.T).max(axis=1)
+    turn = twist @ wheels.T
+    due = due * [count / whole_m, 1.0]
+    ends_s = float(due[-1, 1]) if len(due) else 0.0
+    slow, own = np.zeros(len(due) + 1), np.searchsorted(due[:, 0], u)
+    asked_s = np.diff(due[:, 1], prepend=0.0)
+    for _ in range(_ROUNDS):
+        speed = np.sqrt(squared_speeds(u, np.maximum(r, slow[own]), turn, most))
+        time_s = 2 * np.diff(u) / (speed[1:] + speed[:-1])
+        paced = twist * speed[:, None]
+        gained = np.abs(np.diff(paced, axis=0) @ wheels.T / time_s[:, None]).max() / most
+        used = float(np.abs(paced @ rows.T).max())
+        least_s = max(robot.limits.phase_s, ends_s)
+        slower = max(used, math.sqrt(gained), least_s / float(time_s.sum()), 1.0)
+        took_s = np.diff(np.interp(due[:, 0], u, np.append(0.0, time_s.cumsum())), prepend=0.0)
+        if np.abs(took_s - asked_s).max(initial=0.0) < _IN_TIME_S:
+            break
+        slow[:-1] = np.where(slow[:-1] > 0, slow[:-1], took_s / np.diff(due[:, 0], prepend=0.0))
+        slow[:-1] *= asked_s / took_s
+    twist, time_s = paced / slower, time_s * slower
     inputs, changes = np.zeros((2, len(time_s), INPUTS))
     inputs[:, 2:] = time_s[:, None] * (twist[1:] + twist[:-1]) / 2
     changes[:, 2:] = time_s[:, None] * np.diff(twist, axis=0)
@@ -173,18 +188,42 @@ def least_time_s(robot: Robot, kappa: Array, task: Follow, in_b0: Array) -> floa
 
     Zero where speeds are not limited.
     """
-    x, y = in_b0[:2].tolist()
-    point = np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
-
-    def fastest(rows: Array) -> float:
-        vertices = twist_vertices(rows)
-        return math.inf if vertices is None else float(np.hypot(*point @ vertices.T).max())
-
-    fast = fastest(rigid_rows(robot, kappa))
-    most = robot.limits.wheel_acceleration_rad_s2
-    gained = math.inf if most is None else fastest(drive_rows(robot, kappa)[1] / most)
+    fast, most = _fastest(rigid_rows(robot, kappa), in_b0), robot.limits.wheel_acceleration_rad_s2
+    gained = math.inf if most is None else _fastest(drive_rows(robot, kappa)[1] / most, in_b0)
     least_m = max(_shortest_m(task.left, task.position_tolerance_m))
     return from_rest_to_rest(least_m / fast, fast / gained) if math.isfinite(fast) else 0.0
+
+
+def _fastest(rows: Array, in_b0: Array) -> float:
+    """How much a twist t with rows @ t of at most 1 in size moves what follows, at most."""
+    x, y = in_b0[:2].tolist()
+    vertices = twist_vertices(rows)
+    point = np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
+    return math.inf if vertices is None else float(np.hypot(*point @ vertices.T).max())
+
+
+def late(robot: Robot, task: Follow, along: Along, in_b0: Array) -> tuple[str, bool] | None:
+    """Reason why a drive is not where it is due, and whether none can be in this shape."""
+    due, q = task.due, along.motion.states[0]
+    when = np.append(0.0, along.motion.lasting_s[0].cumsum())
+    at = composed(q[:, :POSE], in_b0)[:, :2]
+    then = np.column_stack([np.interp(due[:, 1], when, xy) for xy in at.T])
+    points = task.left.at(due[:, 0])
+    off_m = np.hypot(*(then - points).T)
+    if not (off_m > task.position_tolerance_m).any():
+        return None
+    fast = _fastest(rigid_rows(robot, q[0, POSE:]), in_b0)
+    apart_m = np.hypot(*np.diff(points, axis=0, prepend=task.left.points[:1]).T)
+    need_s = (apart_m - 2 * task.position_tolerance_m) / fast
+    short = need_s > np.diff(due[:, 1], prepend=0.0)
+    k = int(short.argmax() if short.any() else (off_m > task.position_tolerance_m).argmax())
+    where = f"{due[k, 0]:z.2f} m along its path, where it is due after {due[k, 1]:z.4g} s"
+    if short.any():
+        return f"{where}: from the point before it takes {need_s[k]:z.2f} s at least", True
+    return (
+        f"{where}, it is {1e3 * off_m[k]:z.0f} mm away then: its wheels cannot be so quick",
+        False,
+    )
 
 
 def _shortest_m(line: Polyline, within_m: float) -> Iterator[float]:

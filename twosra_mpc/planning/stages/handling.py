@@ -9,11 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.contact.grip import caged, pushing_cone
+from twosra_mpc.contact.grip import PushingCone, caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.stages.along import begins_well, drives_along, least_time_s, part_in_b0
-from twosra_mpc.planning.stages.variants import Hold, May, Placement, State
+from twosra_mpc.planning.stages.along import (
+    Along,
+    begins_well,
+    drives_along,
+    late,
+    least_time_s,
+    part_in_b0,
+)
+from twosra_mpc.planning.stages.variants import Hold, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries, follows
@@ -30,6 +37,7 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _ALIKE = 6  # decimals of m and 1/m
+_STILL_M = 1e-12  # of an object in an interval
 
 
 class Handling:
@@ -102,17 +110,17 @@ class Handling:
 
     def holding(self, placement: Placement, hold: Hold) -> Placement:
         """The stage with an object in hand."""
-        pieces, may = self._in_hand(hold)
-        return replace(placement, held=pieces, may=may)
+        pieces, cone = self._in_hand(hold)
+        return replace(placement, held=pieces, may=None if cone is None else cone.holds)
 
-    def _in_hand(self, hold: Hold) -> tuple[Array, May | None]:
+    def _in_hand(self, hold: Hold) -> tuple[Array, PushingCone | None]:
         """Convex pieces of an object in hand, and the twists that keep it there, where not all."""
         thing, geometry = self.problem.objects[hold.number], self.problem.robot.geometry
         pieces = quadrangles(thing.at(hold.pose_in_b0))
         if hold.caged:
             return pieces, None
         where = geometry, hold.kappa, thing, hold.pose_in_b0
-        return pieces, pushing_cone(*where, thing.friction or 0.0).holds
+        return pieces, pushing_cone(*where, thing.friction or 0.0)
 
     def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
         """The stages that end in each touch that holds an object as asked."""
@@ -186,7 +194,7 @@ class Handling:
         assert hold is not None, "checked with the problem"
         thing = self.problem.objects[hold.number]
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
-        held, may = self._in_hand(hold)
+        held, cone = self._in_hand(hold)
         if task.phi_rad is None:
             count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
@@ -194,7 +202,8 @@ class Handling:
         ends = composed(poses, inverse(hold.pose_in_b0))
         together = thing.disc is not None and task.phi_rad is None
         within_m = step_rad * float(np.hypot(*hold.pose_in_b0[:2]))
-        made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held, may=may)
+        made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held)
+        made = replace(made, may=None if cone is None else cone.holds)
         for some in [ends] if together else [end[None] for end in ends]:
             yield at.after(replace(made, ends=some, within_m=within_m))
 
@@ -203,7 +212,7 @@ class Handling:
         robot, hold = self.problem.robot, at.hold
         kappa = self._shape_at(at)
         in_b0, room_m = part_in_b0(robot, kappa, task.part), 0.0
-        held, may = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
+        held, cone = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
         if task.object is not None:
             assert hold is not None, "checked with the problem"
             thing = self.problem.objects[hold.number]
@@ -212,18 +221,21 @@ class Handling:
         if room_m >= task.position_tolerance_m:
             self.refused[_too_loose(thing.name, room_m, task.position_tolerance_m)] = True
             return
-        begins = self._begins(task, at, in_b0)
+        begins, said = self._begins(task, at, in_b0), task.said(len(at.placements) + 1)
         refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
         if all(refused):
-            said = task.said(len(at.placements) + 1)
             self.refused[f"{said}: {refused[0]}"] = not at.placements
-        least_s = least_time_s(robot, kappa, task, in_b0)
+        least_s = max(stage.least_s, least_time_s(robot, kappa, task, in_b0))
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
-        met, clear = dict[float, str](), False
+        met, slid, clear = dict[float, str](), dict[float, str](), False
         for begin, why in zip(begins, refused, strict=True):
             q = np.concatenate([begin, kappa])
             for along in drives_along(robot, q, task, in_b0, room_m) if why is None else ():
-                if may is not None and not may(along.twists).all():
+                if cone is not None and not cone.holds(along.twists).all():
+                    slid.update([_slides(cone, along, in_b0)])
+                    continue
+                if (slow := late(robot, task, along, in_b0)) is not None:
+                    self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
                     continue
                 share, name = self._met(along.motion.states[0])
                 if name is not None:
@@ -231,13 +243,16 @@ class Handling:
                     continue
                 clear = True
                 end, before = along.motion.end[None, :POSE], at.placements
-                own = replace(made, ends=end, held=held, may=may, along=along)
+                own = replace(
+                    made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
+                )
                 if before:
                     before = (*before[:-1], replace(before[-1], ends=begin[None]))
                 yield at._replace(placements=before).after(own)
+        if slid and not clear:
+            self.refused[f"{said}: {task.object} {slid[max(slid)]}"] = False
         if met and not clear:
             where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
-            said = task.said(len(at.placements) + 1)
             self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
 
     def _blocked(self, task: Follow) -> bool:
@@ -314,6 +329,26 @@ class Handling:
             shape = _shape(touch.kappa, touch.slack_per_m)
             after = at.after(self._touching(at, stage, shape, ends))
             yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))
+
+
+def _slides(cone: PushingCone, along: Along, pose_in_b0: Array) -> tuple[float, str]:
+    """How far along a path friction holds what is pushed [m], and what bends there, in words."""
+    kept, (x, y) = cone.holds(along.twists), pose_in_b0[:2].tolist()
+    number = int(kept.reshape(2, -1).all(axis=0).argmin())
+    gone_m = float(np.hypot(*np.diff(along.poses[: number + 1, :2], axis=0).T).sum())
+    u, v, r = along.twists[~kept].T
+    moved = np.column_stack([u - r * y, v + r * x])
+    sizes = np.maximum(np.hypot(*moved.T), _STILL_M)
+    worst = int(np.abs(r / sizes).argmax())
+    turned, size = float(r[worst]), float(sizes[worst])
+    bends = cone.bends(moved[worst] / size, pose_in_b0[:2])
+    where = f"is held by friction for {gone_m:z.2f} m of its path, then not"
+    if bends is None:
+        return gone_m, f"{where}: it is pushed aside; have it grasped on another side"
+    left, right = (f"{1e3 / k:z.0f} mm" if k > 0 else "none" for k in (bends[1], -bends[0]))
+    radius = f"one of {1e3 * size / abs(turned):z.0f} mm" if turned else "none there"
+    least = f"of a radius of {left} to the left and {right} to the right at least"
+    return gone_m, f"{where}: pushed so it follows bends {least}, and the path has {radius}"
 
 
 def _shape(kappa: Array, slack_per_m: Array | float = 0.0) -> Goal:
