@@ -20,7 +20,7 @@ allows. Between integers J and V blend the modes multilinearly in sigma, as writ
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -58,21 +58,13 @@ class TimeGridMinlp(Value):
         gap: The planner's own default.
     """
 
-    solver: ClassVar = "Bonmin"
-
     stages: Count = 24
     time_limit_s: Positive = 20.0
     longest_stage_s: Positive = 0.5
     gap: Positive = 0.01
 
-    @property
-    def options(self) -> dict[str, Any]:
-        """What the solver is told."""
-        gap, limit_s = self.gap, self.time_limit_s
-        return {**_OPTIONS, "bonmin.time_limit": limit_s, "bonmin.allowable_fraction_gap": gap}
-
     def prepared(self, problem: Problem) -> Solve:
-        """Compile the program; the answer of what is returned is the incumbent at its end."""
+        """Compile the program; the answer of what is returned is Bonmin's incumbent at its end."""
         program, n = self._program(problem), self.stages
         guess = {"s": 0.01, "sigma": 0.5, "h": min(0.2, self.longest_stage_s)}
         guess["t"] = np.linspace(0.0, 3.0, n + 1)[:, None]
@@ -81,7 +73,7 @@ class TimeGridMinlp(Value):
 
         def solve() -> Answer:
             words, cost, x = program.solve(problem, lower, upper, guess)
-            status, modes = f"{self.solver}: {words}", x["sigma"]
+            status, modes = f"Bonmin: {words}", x["sigma"]
             if cost > 1e20 or not all(np.isfinite(part).all() for part in x.values()):
                 return Answer(f"{status}, no incumbent", None)
             if np.abs(modes - modes.round()).max() > _INTEGRAL:
@@ -108,31 +100,15 @@ class TimeGridMinlp(Value):
         ]
         cost = TIME_SCALE * times[-1] + _REGULARISATION * n * ca.sumsqr(inputs)
         variables = {"q": states, "s": inputs, "sigma": modes, "h": lengths, "t": times}
-        sizes = [v.numel() for v in variables.values()]
-        discrete = np.repeat([name == "sigma" for name in variables], sizes).tolist()
-        options = {**self.options, "discrete": discrete}
-        return Program(self.solver.lower(), variables, cost, rows, least, options)
-
-
-class ScipMinlp(TimeGridMinlp):
-    """The same program on fewer, longer stages, of which SCIP proves a bound.
-
-    That bounds motions on so many stages, not all motions.
-    """
-
-    solver: ClassVar = "SCIP"
-
-    stages: Count = 5
-    longest_stage_s: Positive = 10.0
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """What the solver is told; it counts CPU time."""
-        return {
-            "limits/time": self.time_limit_s,
-            "limits/gap": self.gap,
-            "timing/clocktype": 1,
+        options = {
+            **_OPTIONS,
+            "discrete": [
+                name == "sigma" for name, v in variables.items() for _ in range(v.numel())
+            ],
+            "bonmin.time_limit": self.time_limit_s,
+            "bonmin.allowable_fraction_gap": self.gap,
         }
+        return Program("bonmin", variables, cost, rows, least, options)
 
 
 def _timing_rows(modes: ca.MX, lengths: ca.MX, times: ca.MX, least: ca.MX) -> list[Block]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.studies.peers import motions
-from benchmarks.studies.peers.scip import Scip
 from twosra_mpc import Problem, Robot
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.solver.guess import available_inputs
@@ -53,8 +51,7 @@ class Program:
             "g": ca.vertcat(*(ca.vec(block) for block, _, _ in rows)),
             "p": ca.vec(parameters),
         }
-        make = Scip if solver == "scip" else partial(ca.nlpsol, "peer", solver)
-        self._solver = make(nlp, {"print_time": False, **options})
+        self._solver = ca.nlpsol("peer", solver, nlp, {"print_time": False, **options})
 
     def solve(
         self, problem: Problem, low: Values, high: Values, guess: Values

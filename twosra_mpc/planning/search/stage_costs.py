@@ -3,7 +3,8 @@
 Stages to come add no less than alone, whatever came before: with all segments as warm as they ever
 get, a stage adds the longest path of its sequence from the end of the stage before, with no heating
 to wait for. The cheapest sequence is found by best-first search over its modes: a sequence costs no
-less than what it begins with.
+less than what it begins with. Of the stages before, it is known which shapes they may end in, as W
+rests while its segment is rigid: so stages whose boxes no one shape meets must reshape.
 """
 
 from __future__ import annotations
