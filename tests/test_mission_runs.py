@@ -140,16 +140,18 @@ def test_a_caged_cup_arrives_and_its_file_says_where_it_was(
     np.testing.assert_allclose(filmed[[0, -1]], found.truth.objects[[0, -1]], atol=1e-3)
 
 
-def test_a_cup_that_slides_in_the_cage_is_corrected(carried: Plan, planner: Planner) -> None:
+@pytest.mark.parametrize("at_s", [6.5, 11.5])
+def test_a_cup_that_slides_in_the_cage_is_corrected_on_the_way(
+    carried: Plan, planner: Planner, at_s: float
+) -> None:
     open_cage = carry(objects=[{**dict(carry().objects[0]), "disc": {"radius_m": 0.0275}}])
     made = replace(carried, trajectory=replace(carried.trajectory, problem=open_cage))
     slid = composed(IN_B0, np.array([0.004, 0.004, 0.0]))
-    robot = Slipping(open_cage, 6.5, slid)
+    robot = Slipping(open_cage, at_s, slid)
     run = Executor(robot, think=planner).run(made)
     assert run.reached
-    assert run.corrections >= 1
-    assert planner.asked[0].start.holding == "cup"
-    assert planner.asked[0].tasks == open_cage.tasks
+    assert not run.corrections
+    assert not planner.asked
     goal = open_cage.tasks[0]
     off = robot.truth().objects[-1, 0, :2] - [goal.x_m, goal.y_m]  # type: ignore[attr-defined]
     assert np.hypot(*off) <= ACCURACY[0]
@@ -240,7 +242,8 @@ def test_objects_are_means_of_frames_that_follow_what_moves() -> None:
     pose = np.array([0.3, 0.1, 3.14])
     noisy = pose + rng.normal(0, [1e-3, 1e-3, 0.02], (200, 1, 3))
     noisy[..., 2] = np.remainder(noisy[..., 2] + np.pi, 2 * np.pi) - np.pi
-    seen.take(frames, noisy)
+    found = np.arange(200) % 3 > 0
+    seen.take(frames, np.where(found[:, None, None], noisy, np.nan))
     assert np.hypot(*(seen.poses[0] - pose)[:2]) < 1e-3
     assert abs(np.remainder(seen.poses[0, 2] - pose[2] + np.pi, 2 * np.pi) - np.pi) < 0.02
     expected = composed(inverse(frames[0, :POSE]), pose)

@@ -181,10 +181,11 @@ class Driving:
     def _seen(self) -> Array:
         """Configuration as seen, (3 + n,), its soft segments as far off as those that settle now.
 
+        With an object that is led somewhere it is the one in which that would be held as planned.
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
         """
-        q = self.belief.q.copy()
+        q = self.mission.steered(self.belief.q.copy())
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
             q[POSE:][self.soft] += away[self.settling].mean() - away[self.soft].mean()

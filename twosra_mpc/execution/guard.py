@@ -174,33 +174,41 @@ class ObjectsSeen:
         """Believe that they are where the problem says."""
         self.poses = np.array([item.pose.pose for item in problem.objects])
         self.in_b0 = composed(inverse(problem.start.configuration[:POSE]), self.poses)
-        self.seen, self._count, self._share = False, 0, 1.0
+        self.seen, count = False, len(self.poses)
+        self._count, self._share = np.zeros(count), np.ones(count)
 
     def deviation(self, camera: Camera) -> Array:
         """Standard deviation of a pose by frames of this camera, (3,) [m, m, rad]."""
         frame = camera.variance(Coordinates(1))[:POSE]
-        return np.sqrt(self._share * frame) if self.seen else np.zeros(POSE)
+        return np.sqrt(self._share.max() * frame) if self.seen else np.zeros(POSE)
 
     def forget(self) -> None:
         """Believe the next frames alone."""
-        self._count = 0
+        self._count[:] = 0
 
     def take(self, frames: Array, objects: Array | None) -> None:
-        """Take in frames: of the robot, (k, 3 + n), and of the objects, (k, objects, 3)."""
+        """Take in frames: of the robot, (k, 3 + n), and of the objects, (k, objects, 3).
+
+        An object that is not found in a frame is NaN there.
+        """
         if objects is None:
             return
         for frame, poses in zip(frames, objects, strict=True):
-            self._count, self.seen = self._count + 1, True
-            gain = max(1.0 / self._count, _LEAST_GAIN)
+            found = np.isfinite(poses).all(axis=1)
+            self._count, self.seen = self._count + found, self.seen or bool(found.any())
+            gain = np.where(found, np.maximum(1.0 / np.maximum(self._count, 1), _LEAST_GAIN), 0.0)
             self._share = (1 - gain) ** 2 * self._share + gain**2
-            self.poses = _towards(self.poses, poses, gain)
-            self.in_b0 = _towards(self.in_b0, composed(inverse(frame[:POSE]), poses), gain)
+            poses = np.where(found[:, None], poses, self.poses)
+            in_b0 = composed(inverse(frame[:POSE]), poses)
+            self.poses = _towards(self.poses, poses, gain[:, None])
+            self.in_b0 = _towards(self.in_b0, in_b0, gain[:, None])
 
 
-def _towards(poses: Array, seen: Array, gain: float) -> Array:
+def _towards(poses: Array, seen: Array, gain: Array) -> Array:
     away = seen - poses
-    away[..., 2] = wrapped(away[..., 2])
-    return poses + gain * np.where(np.isfinite(away).all(axis=-1, keepdims=True), away, 0.0)
+    away[:, 2] = wrapped(away[:, 2])
+    moved: Array = poses + gain * away
+    return moved
 
 
 _OVERLAP_M = 5e-5  # of an object and the robot that is none

@@ -39,6 +39,7 @@ from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotatio
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
 _SURELY = 3.0  # standard deviations within which an object is where it is seen
+_LOOSER_M = 1e-3  # than a cage as it is seen
 _AHEAD = 4.0  # times a path's tolerance, that progress may gain from one reading to the next
 _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
@@ -77,10 +78,10 @@ class Mission:
         self._grips = list(carried(plan.trajectory))
         self.done_before = len(self.done_s)
         self._hold: Carried | None = None
-        self._room_m = 0.0
         self._path = [self.belief.q]
         if plan.problem.start.holding is not None:
             self._hold = self._grips.pop(0)
+            self._closed_round(self._hold, self._hold.pose_in_b0)
         self._open_before_release()
         self._watch(None)
 
@@ -149,10 +150,29 @@ class Mission:
         belief, hold = self.belief, self._hold
         if hold is None or belief.objects is None or not belief.objects.seen:
             return
-        away_m = math.hypot(*(belief.objects.in_b0[hold.object] - hold.pose_in_b0)[:2])
+        away_m = math.hypot(*(belief.objects.in_b0[hold.object] - self._held_in_b0)[:2])
         if away_m > HOLD_M + self._room_m:
             name = self.problem.objects[hold.object].name
             raise ObjectLostError(f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
+
+    def steered(self, q: Array) -> Array:
+        """The robot (3 + n,) that would hold what it holds as planned, where that is seen to be.
+
+        So a tracker brings the object to where it is planned, as it turns about b0 only where its
+        heading is asked for. What is farther off than its cage has room is lost: see `check_held`.
+        """
+        hold, objects = self._hold, self.belief.objects
+        if hold is None or objects is None or not objects.seen or not self._left:
+            return q
+        task, item, seen = self._left[0], self.problem.objects[hold.object], objects.in_b0
+        if task.about != item.name:
+            return q
+        seen = seen[hold.object].copy()
+        if item.disc is not None or not task.asks_heading:
+            seen[2] = hold.pose_in_b0[2]
+        held = composed(q[:POSE], composed(seen, inverse(hold.pose_in_b0)))
+        held[2] = q[2] + wrapped(held[2] - q[2])
+        return np.concatenate([held, q[POSE:]])
 
     def lose(self, words: str) -> int:
         """Have the object of this task grasped again: it is not held, or not where it was put.
@@ -187,18 +207,32 @@ class Mission:
         start = problem.start.with_values(holding=holding)
         tasks = self.left
         if tasks and (path := tasks[0].stage(problem.modes).follows) is not None:
-            tasks = (*self._resumed(path), *tasks[1:])
-        aimed = {i: self._aimed(task) for i, task in carries(tasks).items()}
+            in_b0 = [composed(inverse(q[:POSE]), poses[i]) for i in held if path.object is not None]
+            tasks = (*self._resumed(path, q, *in_b0), *tasks[1:])
+        aimed: dict[int, Task] = {i: self._aimed(task) for i, task in carries(tasks).items()}
+        for i in held:
+            cage = cage_of(problem, q, i, composed(inverse(q[:POSE]), poses[i]))
+            room_m = cage.room_m + _LOOSER_M if cage is not None and cage.proved else 0.0
+            aimed |= {
+                k: _within(task, room_m)
+                for k, task in enumerate(tasks)
+                if isinstance(task, Follow) and task.object == holding
+            }
         left = [aimed.get(i, task) for i, task in enumerate(tasks)]
         self._asked |= dict(zip(left, tasks, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
-    def _resumed(self, task: Follow) -> tuple[Task, ...]:
-        """What is left of a path that is followed in part, and before it the way back to it."""
-        robot, q = self.problem.robot, np.array(self._path)
-        hold = None if task.object is None else self._hold
-        in_b0 = part_in_b0(robot, q[-1, POSE:], task.part) if hold is None else hold.pose_in_b0
-        at = composed(q[:, :POSE], in_b0)
+    def _resumed(self, task: Follow, q: Array, in_b0: Array | None = None) -> tuple[Task, ...]:
+        """What is left of a path that is followed in part, and before it the way back to it.
+
+        Args:
+            task: The path.
+            q: The robot now, (3 + n,).
+            in_b0: Pose in its frame of the object that follows, (3,); None: a part of it does.
+        """
+        if in_b0 is None:
+            in_b0 = part_in_b0(self.problem.robot, q[POSE:], task.part)
+        at = composed(np.vstack([*self._path, q])[:, :POSE], in_b0)
         gone_m = task.left.along(at[:, :2], _AHEAD * task.position_tolerance_m)[-1]
         last_m = task.line.length_m[-1] - task.position_tolerance_m
         left = task.with_values(from_m=float(max(min(task.from_m + gone_m, last_m), task.from_m)))
@@ -212,7 +246,7 @@ class Mission:
         phi_rad = float(at[-1, 2]) if phi_rad is None else phi_rad
         b0 = composed(np.array([x_m, y_m, phi_rad]), inverse(in_b0))
         there = dict(zip(("x_m", "y_m", "phi_rad"), b0.tolist(), strict=True))
-        return Reach(goal=Goal(**there, kappa_per_m=tuple(q[-1, POSE:].tolist()))), left
+        return Reach(goal=Goal(**there, kappa_per_m=tuple(q[POSE:].tolist()))), left
 
     def poses(self) -> Array:
         """Poses of the objects, as far as is known, (objects, 3)."""
@@ -222,7 +256,7 @@ class Mission:
         poses = belief.objects.poses.copy()
         if (hold := self._hold) is not None:
             seen = belief.objects.in_b0[hold.object]
-            in_b0 = seen if belief.objects.seen else hold.pose_in_b0
+            in_b0 = seen if belief.objects.seen else self._held_in_b0
             poses[hold.object] = composed(belief.q[:POSE], in_b0)
         return poses
 
@@ -238,6 +272,8 @@ class Mission:
             self._check_carried(stage.carries, at)
         elif stage.releases is not None:
             self._check_released(stage.releases)
+        elif stage.follows is not None:
+            self._check_followed(stage.follows, at)
         elif not self.belief.accuracy.surely(error := self._error(stage.goal)):
             raise AstrayError(f"{at}: {self.belief.accuracy.describe(error)}")
 
@@ -258,6 +294,20 @@ class Mission:
             self._looks += 1
             raise AstrayError(f"{at}: {self._where(task)}")
 
+    def _check_followed(self, task: Follow, at: str) -> None:
+        """Check that what follows a path has come to its end."""
+        q, line = self.belief.q, task.line
+        pose = composed(q[:POSE], part_in_b0(self.problem.robot, q[POSE:], task.part))
+        if task.object is not None:
+            pose = self.poses()[self._numbers[task.object]]
+            pose[2] = (
+                pose[2] if self.problem.objects[self._numbers[task.object]].disc is None else q[2]
+            )
+        off_m = math.hypot(*(pose[:2] - line.points[-1]))
+        off_rad = abs(math.remainder(float(pose[2] - line.headings[-1]), math.tau))
+        if off_m > task.position_tolerance_m or off_rad > task.heading_tolerance_rad:
+            raise AstrayError(f"{at}: it is {1e3 * off_m:z.1f} mm from the end of its path")
+
     def _check_released(self, task: Release) -> None:
         """Check that the object was not moved from where it was carried."""
         goal = self._goals.get(task.object)
@@ -272,18 +322,20 @@ class Mission:
     def _check_grasp(self, task: Grasp) -> None:
         """Check that the object is where it should be held, or proved to be caged."""
         seen, grip = self.belief.objects, self._grips[0]
-        self._room_m = 0.0
-        if seen is None or not seen.seen:
-            return
-        in_b0 = seen.in_b0[grip.object]
+        in_b0 = grip.pose_in_b0 if seen is None or not seen.seen else seen.in_b0[grip.object]
         away_m = math.hypot(*(in_b0 - grip.pose_in_b0)[:2])
-        cage = cage_of(self.problem, self.belief.q, grip.object, in_b0)
-        if cage is not None and cage.proved:
-            self._room_m = cage.room_m
-        elif away_m > HOLD_M:
+        if not self._closed_round(grip, in_b0) and away_m > HOLD_M:
             where = f"it is {1e3 * away_m:z.0f} mm from where it should be held"
             raise ObjectLostError(f"{task.object} is not grasped: {where}, and not caged")
-        self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
+
+    def _closed_round(self, hold: Carried, in_b0: Array) -> bool:
+        """Note where an object is in the hand, and how far it may get; True if it is caged."""
+        cage = cage_of(self.problem, self.belief.q, hold.object, in_b0)
+        self._held_in_b0, self._room_m = in_b0.copy(), 0.0
+        if cage is None or not cage.proved:
+            return False
+        self._room_m = cage.room_m
+        return True
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""
@@ -344,22 +396,28 @@ class Mission:
         problem, hold = self.problem, self._hold
         names = {before.about} if before is not None and before.lies_along else set()
         names |= {task.about for task in self._left[:1] if task.touches}
-        if not problem.obstacles and not problem.objects and problem.workspace is None:
-            return
         free = [
             None if item.name in names or (hold is not None and hold.object == i) else pose
             for i, (item, pose) in enumerate(zip(problem.objects, self.poses(), strict=True))
         ]
         world = problem.world_with(free)
         kept = [item for item in world.obstacles if item.name not in names]
+        if not kept and world.workspace is None:
+            self.belief.guard = None
+            return
         pieces: list[Array] = []
         if hold is not None:
             from twosra_mpc.space.convex import convex_parts
 
-            held = problem.objects[hold.object].at(hold.pose_in_b0)
+            held = problem.objects[hold.object].at(self._held_in_b0)
             pieces = convex_parts(held.corners_m)
         world = world.with_values(obstacles=kept)
         self.belief.guard = Guard(problem, self.belief.patience, world, pieces)
+
+
+def _within(task: Follow, least_m: float) -> Follow:
+    """A path that is planned to be followed no nearer than a cage allows; it is judged as asked."""
+    return task.with_values(position_tolerance_m=max(task.position_tolerance_m, least_m))
 
 
 def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:

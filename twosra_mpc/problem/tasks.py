@@ -160,6 +160,11 @@ class Task(Tagged):
         return getattr(self, "object", None)
 
     @property
+    def asks_heading(self) -> bool:
+        """True if the heading matters of the object that it moves."""
+        return False
+
+    @property
     def ends_in(self) -> GoalSet | None:
         """The goal set in which it is done, if it is one."""
         return None
@@ -318,6 +323,11 @@ class Carry(Task):
     position_tolerance_m: NonNegative = 0.0
     heading_tolerance_rad: NonNegative = 0.0
 
+    @property
+    def asks_heading(self) -> bool:
+        """True if it has a heading."""
+        return self.phi_rad is not None
+
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """With the object in the rigid robot, to where it is to be."""
         rigid = rigid_mode(len(modes[0]))
@@ -383,6 +393,11 @@ class Follow(Task):
             line = Polyline.of(self.path)
             return line.tangent if self.heading == "tangent" else line
         return Polyline.of([(*row, self.heading) for row in self.path])
+
+    @property
+    def asks_heading(self) -> bool:
+        """True if its path has headings."""
+        return self.heading != "free" or len(self.path[0]) == 3
 
     @property
     def left(self) -> Polyline:

@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
+from pydantic import Field
+
 from twosra_mpc.arguments import Range, public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
@@ -36,6 +38,8 @@ class Disturbance:
         thermal_ranges: Width of the thermal parameters' ranges, 1: as in the robot file.
         thermistor: Tolerance of the thermistor and its resistor, a share.
         camera: Noise and rounding of the frames.
+        object_frames: Objects are looked for in every frame, every second, third ...
+        objects_lost: Share of those in which an object is not found.
         delay_frames: Least and largest delay of the frames.
         planning_s: How long the rest is planned when it is; the last command stays in force.
         clearance_m: With so much of it the guard stops no rigid drive.
@@ -54,6 +58,8 @@ class Disturbance:
     thermal_ranges: NonNegative = 0.0
     thermistor: NonNegative = 0.0
     camera: Camera = field(default_factory=Camera)
+    object_frames: Annotated[int, Field(ge=1)] = 1
+    objects_lost: Share = 0.0
     delay_frames: Annotated[tuple[Count, Count], Range()] = (0, 0)
     planning_s: NonNegative = 0.0
     clearance_m: NonNegative = 0.005
@@ -85,6 +91,8 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "thermal_ranges": (0.5, 1.0, 1.0),  # half of the ranges in the robot file, or all
     "thermistor": (0.005, 0.01, 0.01),  # parts of 1 % are the ones that are sold, and watched
     "camera": (_camera(0.5), _camera(1.0), _camera(2.0)),  # once: as between phases of the logs
+    "object_frames": (1, 2, 3),  # assumed
+    "objects_lost": (0.01, 0.05, 0.2),  # assumed
     "delay_frames": ((1, 1), (1, 2), (2, 2)),  # assumed, of 15 Hz
     "planning_s": (1.0, 2.0, 5.0),  # half of them take less than 0.5 s, among obstacles some 5 s
     # The most that one of 96 to 103 drives of 2sra-v1 in free space needed, rounded up:

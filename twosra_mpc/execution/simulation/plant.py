@@ -355,7 +355,10 @@ class SimulatedRobot:
         if self.objects is not None:  # as b0 is seen
             poses = self.objects.poses
             errors = noise[:POSE] * self._object_noise.standard_normal((ticks, *poses.shape))
-            objects = list(_rounded(poses + errors, step[:POSE]))
+            shown = _rounded(poses + errors, step[:POSE])
+            lost = self._object_noise.random((ticks, len(poses))) < self._disturbance.objects_lost
+            lost[np.array(taken) % self._disturbance.object_frames > 0] = True
+            objects = list(np.where(lost[..., None], np.nan, shown))
         self._on_the_way += zip(taken, frames, objects, strict=True)
 
     def _note(self) -> None:

@@ -86,7 +86,9 @@ def part_in_b0(robot: Robot, kappa: Array, part: str) -> Array:
     return np.append(shape.centres[0], shape.ends[0, 2])
 
 
-def drives_along(robot: Robot, q: Array, task: Follow, in_b0: Array) -> list[Along]:
+def drives_along(
+    robot: Robot, q: Array, task: Follow, in_b0: Array, room_m: float = 0.0
+) -> list[Along]:
     """Drives along what is left of a path from a configuration (3 + n,), the quickest first.
 
     Args:
@@ -94,21 +96,22 @@ def drives_along(robot: Robot, q: Array, task: Follow, in_b0: Array) -> list[Alo
         q: Where it begins.
         task: What is asked; where it begins it is within the tolerance.
         in_b0: Pose of what follows in the frame of b0, (3,).
+        room_m: How far it may get from there, of the tolerance.
     """
+    within = np.array([task.position_tolerance_m - room_m, task.heading_tolerance_rad])
     line, begin = task.left, composed(q[:POSE], in_b0)
     headings = [line.headings]
     if np.isnan(line.headings).any():
         turned = line.tangent.headings - line.tangents[0]
         headings = [begin[2] + share * turned for share in _TURNED]
         headings = headings if np.ptp(turned) > _ALIKE_RAD else headings[:1]
-    made = (_along(robot, q, line._replace(headings=each), task, in_b0) for each in headings)
+    made = (_along(robot, q, line._replace(headings=each), within, in_b0) for each in headings)
     return sorted(made, key=lambda drive: drive.lasts_s)
 
 
-def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -> Along:
+def _along(robot: Robot, q: Array, line: Polyline, within: Array, in_b0: Array) -> Along:
     whole_m, begin = float(line.length_m[-1]), composed(q[:POSE], in_b0)
     count = max(_LEAST, math.ceil(whole_m / _LONGEST_M))
-    tolerance = _SHARE * np.array([task.position_tolerance_m, task.heading_tolerance_rad])
     while True:
         at = np.linspace(0.0, whole_m, count + 1)
         asked = np.column_stack([line.at(at), np.interp(at, line.length_m, line.headings)])
@@ -117,7 +120,7 @@ def _along(robot: Robot, q: Array, line: Polyline, task: Follow, in_b0: Array) -
         between = np.linspace(0.0, whole_m, len(poses))
         off_m = np.hypot(*(poses[:, :2] - line.at(between)).T).max()
         off_rad = np.abs(poses[:, 2] - np.interp(between, line.length_m, line.headings)).max()
-        if (np.array([off_m, off_rad]) <= tolerance).all() or count >= _MOST:
+        if (np.array([off_m, off_rad]) <= _SHARE * within).all() or count >= _MOST:
             break
         count *= 2
     charge(Cost.PROFILE, len(poses))

@@ -40,7 +40,7 @@ class Handling:
 
     def __init__(self, problem: Problem, refused: dict[str, bool]) -> None:
         self.problem, self.refused = problem, refused
-        self._known: dict[object, tuple[Touch, ...]] = {}
+        self._known: dict[object, tuple[tuple[Touch, float], ...]] = {}
 
     def ways(self, stage: Stage, at: State) -> Iterator[State]:
         """Every way to do a stage."""
@@ -69,14 +69,14 @@ class Handling:
         pose_in_b0 = composed(inverse(q[:POSE]), poses[number])
         thing = problem.objects[number]
         try:
-            proved = caged(problem.robot.geometry, q[POSE:], thing, pose_in_b0).proved
+            cage = caged(problem.robot.geometry, q[POSE:], thing, pose_in_b0)
         except InputError:
             allowed = f"where {name} is in the robot's hand; here they overlap, or are apart"
             where = tuple(poses[number].tolist())
             raise InputError(f"objects.{number}.pose", where, allowed) from None
-        if not proved and not any(task.lets_go for task in problem.tasks[:1]):
+        if not cage.proved and not any(task.lets_go for task in problem.tasks[:1]):
             self._check_pushed(thing, q[POSE:], pose_in_b0)
-        return Hold(number, q[POSE:], pose_in_b0, proved)
+        return Hold(number, q[POSE:], pose_in_b0, cage.room_m)
 
     def _check_pushed(self, thing: Object, kappa: Array, pose_in_b0: Array) -> None:
         """Refuse an object that the start holds neither by a cage nor by friction where it touches.
@@ -118,7 +118,7 @@ class Handling:
         """The stages that end in each touch that holds an object as asked."""
         number = self._number(task.object)
         thing = self.problem.objects[number]
-        for touch in self._grasps(thing, task):
+        for touch, room_m in self._grasps(thing, task):
             ends = placed(touch, at.poses[number], thing, task.directions_rad)
             if not len(ends.poses):
                 continue
@@ -131,7 +131,7 @@ class Handling:
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = at.after(replace(placement, ends=some))
                 there = composed(inverse(some[0]), at.poses[number]) if apart else touch.pose_in_b0
-                hold = Hold(number, touch.kappa, there, task.hold == "caged")
+                hold = Hold(number, touch.kappa, there, room_m)
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
 
     def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
@@ -151,28 +151,42 @@ class Handling:
         own = (task for task in carries(self.problem.tasks).values() if task.object == name)
         return any(task.phi_rad is not None for task in own)
 
-    def _grasps(self, thing: Object, task: Grasp) -> tuple[Touch, ...]:
-        """Touches that hold an object as asked, a few of each shape."""
-        key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold
+    def _grasps(self, thing: Object, task: Grasp) -> tuple[tuple[Touch, float], ...]:
+        """Touches that hold an object as asked, a few of each shape, and the room of their cages.
+
+        Where it is led along a path, in those whose room is within the tolerance of the path.
+        """
+        most_m = min(
+            (each.position_tolerance_m for each in self._led(task.object)), default=math.inf
+        )
+        key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold, most_m
         if key in self._known:
             return self._known[key]
         found = grasp_touches(self.problem.robot, thing, GRASP_GAP_M)
-        touches = list(found.touches)
+        touches, rooms_m = list(found.touches), dict[object, float]()
         if task.hold == "caged":
-            touches, known, geometry = [], dict[object, bool](), self.problem.robot.geometry
+            touches, geometry = [], self.problem.robot.geometry
             for number, each in enumerate(found.touches):
-                if touches and number >= _MOST_TESTED:
+                if number >= _MOST_TESTED and math.isfinite(min(rooms_m.values())):
                     break
-                corners = thing.at(each.pose_in_b0).corners_m.round(_ALIKE)
-                alike = tuple(each.kappa.round(_ALIKE)), frozenset(map(tuple, corners))
-                if alike not in known:
-                    known[alike] = caged(geometry, each.kappa, thing, each.pose_in_b0).proved
-                if known[alike]:
+                alike = _alike(thing, each)
+                if alike not in rooms_m:
+                    rooms_m[alike] = caged(geometry, each.kappa, thing, each.pose_in_b0).room_m
+                if rooms_m[alike] < most_m:
                     touches.append(each)
         if not touches:
-            self.refused[_no_grasp(task, found)] = True
-        self._known[key] = tuple(_a_few(touches))
+            self.refused[
+                _no_grasp(task, found, min(rooms_m.values(), default=math.inf), most_m)
+            ] = True
+        few = ((each, rooms_m.get(_alike(thing, each), math.inf)) for each in _a_few(touches))
+        self._known[key] = tuple(few)
         return self._known[key]
+
+    def _led(self, name: str) -> list[Follow]:
+        """Tasks that lead an object along a path."""
+        return [
+            task for task in self.problem.tasks if task.about == name and isinstance(task, Follow)
+        ]
 
     def _carried(self, stage: Stage, task: Carry, at: State) -> Iterator[State]:
         """The stages that end with what is held at a pose."""
@@ -196,11 +210,16 @@ class Handling:
         """The stages that lead along a path, from each place where the one before may end."""
         robot, hold = self.problem.robot, at.hold
         kappa = self._shape_at(at)
-        in_b0 = part_in_b0(robot, kappa, task.part)
+        in_b0, room_m = part_in_b0(robot, kappa, task.part), 0.0
         held, may = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
         if task.object is not None:
             assert hold is not None, "checked with the problem"
-            in_b0 = hold.pose_in_b0 * [1, 1, self.problem.objects[hold.number].disc is None]
+            thing = self.problem.objects[hold.number]
+            in_b0 = hold.pose_in_b0 * [1, 1, thing.disc is None]
+            room_m = hold.room_m if hold.caged else 0.0
+        if room_m >= task.position_tolerance_m:
+            self.refused[_too_loose(thing.name, room_m, task.position_tolerance_m)] = True
+            return
         begins = self._begins(task, at, in_b0)
         refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
         if all(refused):
@@ -211,7 +230,7 @@ class Handling:
         met, clear = dict[float, str](), False
         for begin, why in zip(begins, refused, strict=True):
             q = np.concatenate([begin, kappa])
-            for along in drives_along(robot, q, task, in_b0) if why is None else ():
+            for along in drives_along(robot, q, task, in_b0, room_m) if why is None else ():
                 if may is not None and not may(along.twists).all():
                     continue
                 share, name = self._met(along.motion.states[0])
@@ -322,12 +341,26 @@ def _a_few(touches: Sequence[Touch]) -> Iterator[Touch]:
         yield from group[:: max(1, -(-len(group) // _MOST_TOUCHES))]
 
 
-def _no_grasp(task: Grasp, found: TouchSet) -> str:
-    """Reason why an object cannot be held as asked."""
+def _alike(thing: Object, touch: Touch) -> object:
+    """What is the same for touches of which one cages if another does."""
+    corners = thing.at(touch.pose_in_b0).corners_m.round(_ALIKE)
+    return tuple(touch.kappa.round(_ALIKE)), frozenset(map(tuple, corners))
+
+
+def _no_grasp(task: Grasp, found: TouchSet, least_m: float, most_m: float) -> str:
+    """Reason why an object cannot be held as asked, or not as tightly as its path asks."""
     if not found.touches:
         return f"nothing closes around {task.object}: {', '.join(found.refused)}"
+    if math.isfinite(least_m):
+        return _too_loose(task.object, least_m, most_m)
     best = f"the best touch embraces {math.degrees(found.best_wrap_rad):z.0f} degrees of it"
     return f'nothing cages {task.object}; {best}: ask for hold = "pushed"'
+
+
+def _too_loose(name: str, room_m: float, tolerance_m: float) -> str:
+    """Reason why a cage is not tight enough for a path."""
+    room = f"{name} has {1e3 * room_m:z.3g} mm of room in its cage"
+    return f"{room}, and its path position_tolerance_m = {tolerance_m:zg} m: no more than that"
 
 
 HEADINGS = 24  # of the robot around a disc

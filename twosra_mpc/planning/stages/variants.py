@@ -6,6 +6,7 @@ search tells variants apart, and within one the places are tried, the nearest on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
@@ -157,12 +158,20 @@ _OVERLAP_M = 4e-4  # with what is touched, of what is drawn around the robot
 
 
 class Hold(NamedTuple):
-    """Hold of an object: its number, the robot's shape, and its pose in b0."""
+    """Hold of an object: its number, the robot's shape, its pose in b0, and how far it may get.
+
+    That is infinite where no cage is proved.
+    """
 
     number: int
     kappa: Array
     pose_in_b0: Array
-    caged: bool
+    room_m: float
+
+    @property
+    def caged(self) -> bool:
+        """True if it is proved that it cannot leave."""
+        return math.isfinite(self.room_m)
 
 
 class State(NamedTuple):
