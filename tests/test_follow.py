@@ -16,6 +16,7 @@ from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.planning.stages.along import drives_along, least_time_s, part_in_b0
+from twosra_mpc.plotting.run_figures import run_playback
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import Array, composed
 
@@ -155,8 +156,15 @@ def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(
 
     monkeypatch.setattr(SimulatedRobot, "wait", pushing)
     problem = load_problem("follow-bezier")
-    run = simulate(problem, plan=plan(problem).require()).run
+    done = simulate(problem, plan=plan(problem).require())
+    run, numbers = done.run, done.metrics
     assert run.ending is Ending.REACHED
+    assert numbers.off_path_m is not None
+    assert numbers.off_path_mean_m is not None
+    assert 0.05 < numbers.off_path_m < 0.12  # pushed: no part of the way is left out
+    assert 0.001 < numbers.off_path_mean_m < 0.02
+    (drawn,) = run_playback(run, done.truth).off
+    assert drawn.off_m.max() == numbers.off_path_m
     *_, task = run.plans[-1].problem.tasks
     assert isinstance(task, Follow)
     assert task.from_m > 0.3

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from once import planned
 
-from twosra_mpc import InputError, Plan, load_robot
+from twosra_mpc import Follow, InputError, Plan, load_robot
 from twosra_mpc.lab.export.robot_chain import angles, joints, urdf
 from twosra_mpc.lab.export.ros2_mcap import TEMPERATURE_STEP_C, save_ros2_bag
 from twosra_mpc.model.outline import robot_shape
@@ -209,6 +209,20 @@ def test_objects_are_outlines_in_frames_that_move_with_them(tmp_path: Path) -> N
             corners = np.insert(outlines[item.name][:-1], 2, [[0.0], [1.0]], axis=1)
             there = (corners @ placed[frames[item.name]].T)[:, :2]
             assert there == pytest.approx(item.at(pose).inner_corners_m, abs=1e-6)
+    for number, pose in enumerate(poses, start=1):
+        ((_, path),) = messages[f"/object{number}/path"]
+        end = path.poses[-1].pose.position
+        assert (end.x, end.y) == pytest.approx(tuple(pose[:2]))
+
+
+def test_what_is_to_be_followed_is_a_path(tmp_path: Path) -> None:
+    made, path = planned("follow-bezier"), tmp_path / "plan.mcap"
+    save_ros2_bag(made, path)
+    ((_, asked),) = read(path)["/follow1/path"]
+    (task,) = made.problem.tasks
+    assert isinstance(task, Follow)
+    at = [pose.pose.position for pose in asked.poses]
+    assert np.array([(p.x, p.y) for p in at]) == pytest.approx(task.line.points)
 
 
 def test_the_command_writes_a_bag(run: Run, tmp_path: Path) -> None:

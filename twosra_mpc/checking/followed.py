@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.checking.sweep import swept
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -30,6 +33,7 @@ class Followed(NamedTuple):
         between_m: How much farther it may be in between, at most [m].
         between_rad: The same of the heading.
         left_m: What it has not come to of the path.
+        within_m: How far from the path it may be.
     """
 
     t_s: Array
@@ -39,14 +43,59 @@ class Followed(NamedTuple):
     between_m: float
     between_rad: float
     left_m: float
+    within_m: float
 
 
-def follower(trajectory: Trajectory, task: Follow, t_s: Array, q: Array) -> Array:
-    """Poses of what follows a path, (m, 3), at times (m,), the robot being at q (m, 3 + n)."""
+OFF_PATH = "off its path"  # what is said of it, wherever numbers are called something
+
+
+def off_words(mean_m: float, worst_m: float) -> str:
+    """Say how far something is from its path: on average along the way, and at worst."""
+    return f"mean {1e3 * mean_m:z.2f} mm, worst {1e3 * worst_m:z.2f} mm"
+
+
+def plan_off_words(trajectory: Trajectory) -> str:
+    """Say the same of a plan's own sweep; nothing where it follows no path."""
     problem = trajectory.problem
+    if not any(stage.follows for stage in problem.stages):
+        return ""
+    if (sweep := swept(problem, trajectory.samples)) is None:
+        return ""
+    spans = itertools.pairwise((0.0, *trajectory.done_s))
+    objects = object_poses(trajectory, sweep.t_s, sweep.q)
+    found = followed_in(problem, spans, sweep.t_s, sweep.q, objects)
+    off_m = np.concatenate([each.off_m for each in found])
+    return off_words(float(off_m.mean()), float(off_m.max()))
+
+
+def followed_in(
+    problem: Problem, spans: Iterable[tuple[float, float]], t_s: Array, q: Array, objects: Array
+) -> list[Followed]:
+    """How each path of a problem is followed, as far as what follows it is known.
+
+    Args:
+        problem: Its tasks are those that were begun.
+        spans: When each of them was begun, and done, as far as they were.
+        t_s: Times, (m,).
+        q: The robot then, (m, 3 + n).
+        objects: Poses of the objects then, (m, objects, 3); empty where they are not known.
+    """
+    found = list[Followed]()
+    for task, (since_s, until_s) in zip(problem.tasks, spans, strict=False):
+        path = task.stage(problem.modes).follows
+        at = (t_s >= since_s - SAME_TIME_S) & (t_s <= until_s + SAME_TIME_S)
+        if path is None or not at.any() or (path.object is not None and not objects.size):
+            continue
+        there = objects if path.object is None else objects[at]
+        found.append(followed(path, t_s[at], follower(problem, path, q[at], there)))
+    return found
+
+
+def follower(problem: Problem, task: Follow, q: Array, objects: Array) -> Array:
+    """Poses of what follows a path, (m, 3), the robot being at q (m, 3 + n), objects there."""
     if task.object is not None:
         number = [item.name for item in problem.objects].index(task.object)
-        poses = object_poses(trajectory, t_s, q)[:, number].copy()
+        poses: Array = objects[:, number].copy()
         if problem.objects[number].disc is not None:
             poses[:, 2] = q[:, 2]
         return poses
@@ -78,6 +127,7 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
         float(np.diff(gone[marks]).max(initial=0.0)) / 2,
         float(np.nan_to_num(changed).max(initial=0.0)) / 2,
         float(line.length_m[-1] - along_m[-1]),
+        near_m,
     )
 
 

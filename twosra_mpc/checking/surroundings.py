@@ -361,7 +361,9 @@ def _followed(task: Follow, at: Done) -> Iterator[str]:
     """What follows the path stays in the tube around it, to its end."""
     first, last = at.sweep.over(at.since_s, at.at_s)
     t_s, q = at.sweep.t_s[first : last + 1], at.sweep.q[first : last + 1]
-    yield from tube_problems(task, followed(task, t_s, follower(at.trajectory, task, t_s, q)))
+    objects = object_poses(at.trajectory, t_s, q)
+    poses = follower(at.trajectory.problem, task, q, objects)
+    yield from tube_problems(task, followed(task, t_s, poses))
 
 
 def _released(task: Release, at: Done) -> Iterator[str]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from twosra_mpc import plotting
+from twosra_mpc.checking.followed import OFF_PATH, plan_off_words
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.errors import PlanInterrupted
@@ -141,9 +142,12 @@ def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
     for item in plan.transitions:
         span = f"{item.heater_s:z8.2f} s to {item.done_s:z8.2f} s"
         yield f"segment {item.segment} {item.to}", f"{span}, holds from {item.onset_s:z.2f} s"
+    if words := plan_off_words(plan.trajectory):
+        yield OFF_PATH, words
     goal = max(abs(error) for error in check.goal_error)
+    missed = f" (largest goal error {goal:z.1e} m, rad or 1/m)"
     verdict = "passed" if check.ok else "; ".join(check.problems)
-    yield "verification", f"{verdict} (largest goal error {goal:z.1e} m, rad or 1/m)"
+    yield "verification", verdict + ("" if plan.problem.ends_anywhere else missed)
 
 
 def exit_code(*results: Result) -> int:

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from twosra_mpc import plotting
+from twosra_mpc.checking.followed import OFF_PATH, off_words
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
@@ -121,7 +122,8 @@ def _print_run(simulation: Simulation) -> None:
     rows = [
         ("ending", str(run.ending)),
         ("reason", run.reason),
-        ("true error", error),
+        *([] if run.problem.ends_anywhere else [("true error", error)]),
+        *_off_path(found),
         ("duration", f"{found.time_s:z.1f} s{against}"),
         ("energy", f"{found.energy_J:z.0f} J in {found.transitions} transitions"),
         ("planned again", again),
@@ -141,6 +143,13 @@ def _print_run(simulation: Simulation) -> None:
     print_table(("time", "event", "what"), events)
 
 
+def _off_path(found: Metrics) -> list[tuple[str, str]]:
+    """Row about a path that was followed."""
+    if found.off_path_mean_m is None or found.off_path_m is None:
+        return []
+    return [(f"true error, {OFF_PATH}", off_words(found.off_path_mean_m, found.off_path_m))]
+
+
 def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
     """Rows about a mission's tasks and objects."""
     rows = list[tuple[str, str]]()
@@ -158,16 +167,21 @@ def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
 
 def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
     """Distribution of the numbers over the runs."""
-    names: dict[str, tuple[str, float]] = {
+    of_goal: dict[str, tuple[str, float]] = {
+        "position error [mm]": ("position_m", 1e3),
+        "heading error [degrees]": ("heading_rad", math.degrees(1.0)),
+        "curvature error [1/m]": ("curvature_per_m", 1.0),
+    }
+    names = {
         "duration [s]": ("time_s", 1.0),
         "transitions": ("transitions", 1.0),
         "energy [J]": ("energy_J", 1.0),
         "planned again": ("replans", 1.0),
         "pose corrected": ("corrections", 1.0),
-        "position error [mm]": ("position_m", 1e3),
-        "heading error [degrees]": ("heading_rad", math.degrees(1.0)),
-        "curvature error [1/m]": ("curvature_per_m", 1.0),
+        **({} if problem.ends_anywhere else of_goal),
         "object error [mm]": ("object_m", 1e3),
+        f"{OFF_PATH}, mean [mm]": ("off_path_mean_m", 1e3),
+        f"{OFF_PATH}, worst [mm]": ("off_path_m", 1e3),
     }
     rows = [("reached", f"{sum(each.reached for each in found)} of {len(found)}", "", "")]
     for words, (name, unit) in names.items():

@@ -262,7 +262,7 @@ class Mission:
 
     def _check(self, task: Task) -> None:
         """Check that what a task asks is so at its end, with a margin."""
-        at, stage = f"{_name(task)} is not done", task.stage(self.problem.modes)
+        at, stage = f"{task.called} is not done", task.stage(self.problem.modes)
         if stage.through is not None:
             if not stage.through.met(np.array(self._path)[1:, :POSE]).any():
                 raise AstrayError(f"{at}: the box was not entered")
@@ -379,7 +379,7 @@ class Mission:
         for carry in carries([task]).values():
             self._goals[carry.object] = carry
             where = f": {self._where(self._aimed(carry))}"
-        self.belief.tell("task", f"{_name(task)} is done{where}")
+        self.belief.tell("task", f"{task.called} is done{where}")
         self._watch(task)
 
     def _open_before_release(self) -> None:
@@ -444,7 +444,3 @@ def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
         turn_rad = abs(math.remainder(pose[2] - task.phi_rad, math.tau))
         turn_rad = max(turn_rad - task.heading_tolerance_rad, 0.0)
     return max(far_m, 0.0), turn_rad
-
-
-def _name(task: Task) -> str:
-    return f"{task.do} {task.name or task.about or ''}".strip()

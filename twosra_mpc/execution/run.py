@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -9,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from twosra_mpc.arguments import Word, public
+from twosra_mpc.checking.followed import Followed, followed_in
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import check_kind, plain_data, read_document, reading
@@ -17,6 +20,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import plan_within
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, embedded_problem
+from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
@@ -181,6 +185,20 @@ class Run(ArrayValue):
     def duration_s(self) -> float:
         """Time from start to end."""
         return float(self.log.time_s[-1])
+
+    def followed(self, t_s: Array, q: Array, objects: Array) -> list[Followed]:
+        """How its paths were followed; arguments as `followed_in` has them."""
+        problem = self.plans[0].problem if self.plans else self.problem
+        return followed_in(problem, self._spans(problem.tasks), t_s, q, objects)
+
+    def _spans(self, tasks: Sequence[Task]) -> Iterator[tuple[float, float]]:
+        """When tasks that were begun were, and when they were done, as the robot saw it."""
+        told, since_s = iter([each for each in self.events if each.kind == "task"]), 0.0
+        for task in tasks:
+            own = (each.time_s for each in told if each.text.startswith(f"{task.called} is done"))
+            until_s = next(own, math.inf)
+            yield since_s, until_s
+            since_s = until_s
 
     @property
     def transitions(self) -> int:

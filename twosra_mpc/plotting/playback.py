@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.checking.followed import Followed
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.carried import object_poses
@@ -51,6 +52,7 @@ class Playback:
         stages: What is done from when to when; none without a mission.
         objects: Poses of the objects that are known [m, m, rad], (rows, objects, 3).
         targets: Where objects shall be carried: number of the object, from 0, and pose (3,).
+        off: How paths are followed; none where that is not shown.
     """
 
     problem: Problem
@@ -67,6 +69,7 @@ class Playback:
     stages: tuple[Stretch, ...] = ()
     objects: Array = field(default_factory=lambda: np.zeros((PLACES, 0, POSE)))
     targets: tuple[tuple[int, Array], ...] = ()
+    off: tuple[Followed, ...] = ()
 
     def states(self, row: int) -> list[State]:
         """State of each segment."""

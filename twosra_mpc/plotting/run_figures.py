@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
+from twosra_mpc.checking.followed import Followed
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
@@ -158,6 +159,12 @@ def _draw_paths(ax: Axes, run: Run, record: Record, start_s: float, end_s: float
         ax.plot(*rows[:, :2].T, c=figures.MIDDLE_COLOUR, zorder=5, **style)
 
 
+def _followed(run: Run, record: Record) -> list[Followed]:
+    """How paths were followed; objects' only where it is known in truth."""
+    objects = record.objects if isinstance(record, Truth) else np.empty((0, 0, POSE))
+    return run.followed(record.time_s, record.q, objects)
+
+
 def run_stretch(run: Run) -> timeline_figures.TimeStretch:
     """Time axis of a run, stretched where it was driven."""
     drives = joined_drives(run)
@@ -167,7 +174,9 @@ def run_stretch(run: Run) -> timeline_figures.TimeStretch:
 
 def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     asked = not run.problem.ends_anywhere
-    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0, *[1.0] * asked]
+    off = _followed(run, record)
+    heights = [0.5 * run.problem.robot.coordinates.segments, 1.0, 0.9, 1.0]
+    heights += [1.0] * asked + [0.8] * bool(off)
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     stretch, drives = run_stretch(run), joined_drives(run)
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
@@ -179,6 +188,11 @@ def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     _draw_temperatures(axes[3], run, record)
     if asked:
         _draw_distances(axes[4], run, record)
+    if off:
+        timeline_figures.draw_off_path(axes[-1], off)
+        axes[-1].plot([], [], c=figures.NEAREST_COLOUR, lw=1.0, label="what follows it")
+        axes[-1].plot([], [], c=figures.TASK_COLOUR, lw=1.0, ls="--", label="tolerance")
+        timeline_figures.finished(axes[-1], "off path\n[mm]")
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):
@@ -310,4 +324,5 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
         heated=log.setpoint_C[sent] > problem.robot.heater.rigid_setpoint_C,
         objects=objects,
         targets=tuple(world_figures.targets(run.plans[0].trajectory)) if run.plans else (),
+        off=tuple(_followed(run, record)),
     )

@@ -24,7 +24,12 @@ from twosra_mpc.plotting import figures, world_figures
 from twosra_mpc.plotting.figures import settle
 from twosra_mpc.plotting.plane import DASHED, draw_outline, line, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
-from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness, mark_melting
+from twosra_mpc.plotting.timeline_figures import (
+    STAGE_LINE,
+    draw_off_path,
+    draw_stiffness,
+    mark_melting,
+)
 from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100  # of a film: 800 by 660 pixels
@@ -54,18 +59,26 @@ class Scene:
         self.figure = Figure(figsize=SIZE_IN, dpi=DPI)
         self._canvas = cast(Any, FigureCanvasAgg(self.figure))  # its methods have no types
         sizes: dict[str, Any] = {"left": 0.105, "right": 0.96, "top": 0.95, "bottom": 0.08}
-        sizes["height_ratios"] = (5.55 - 0.275 * self._segments, 0.275 * self._segments, 1.3)
-        rows = self.figure.add_gridspec(3, 1, hspace=0.15, **sizes)
+        heights = [0.275 * self._segments, *[0.8] * bool(playback.off), 1.3]
+        sizes["height_ratios"] = (6.85 - sum(heights), *heights)
+        rows = self.figure.add_gridspec(1 + len(heights), 1, hspace=0.15, **sizes)
         gauges = max(0.7, 0.5 * self._segments)
         widths: dict[str, Any] = {"width_ratios": (6.4 - gauges, gauges), "wspace": 0.18}
         top = rows[0].subgridspec(2, 2, height_ratios=(1, 6), **widths)
         self._plane, self._gauges = (self.figure.add_subplot(at) for at in (top[:, 0], top[1, 1]))
-        self._bars, self._curves = (self.figure.add_subplot(rows[row]) for row in (1, 2))
+        self._bars, *off, self._curves = (
+            self.figure.add_subplot(rows[row + 1]) for row in range(len(heights))
+        )
+        self._timed = self._bars, *off, self._curves
         shapes = robot_shape(playback.problem.robot.geometry, playback.q, 2)
         self._centres = shapes.centres
         _set_plane(self._plane, playback, titles[0], shapes.wheels)
         self._floor_C, top_C = _set_gauges(self._gauges, playback)
         _set_bars(self._bars, playback)
+        for ax in off:
+            draw_off_path(ax, playback.off)
+            playback.stretch.apply(ax).set(ylabel="off path\n[mm]", xticks=[])
+            ax.tick_params(labelsize=8.5)
         _set_curves(self._curves, playback, (self._floor_C, top_C))
         self._moving: list[Artist] = []
         self._canvas.draw()
@@ -158,10 +171,11 @@ class Scene:
         for j, warm in enumerate(playback.temperature_C.T):
             look = {**figures.segment_curve(j), "zorder": 5}
             artists += self._curves.plot(done, warm[: row + 1], **look)
-        rest: dict[str, Any] = {"fc": "white", "alpha": 0.7, "lw": 0}
-        artists.append(self._bars.axvspan(done[-1], float(playback.time_s[-1]), **rest))
+        rest: dict[str, Any] = {"fc": "white", "alpha": 0.7, "lw": 0, "zorder": 5}
+        last = float(playback.time_s[-1])
+        artists += [ax.axvspan(done[-1], last, **rest) for ax in self._timed[:-1]]
         now: dict[str, Any] = {"c": "0.2", "lw": 1.2, "zorder": 6}
-        return [*artists, *(ax.axvline(done[-1], **now) for ax in (self._bars, self._curves))]
+        return [*artists, *(ax.axvline(done[-1], **now) for ax in self._timed)]
 
 
 def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None:

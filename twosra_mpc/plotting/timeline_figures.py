@@ -19,6 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from twosra_mpc.arguments import public
+from twosra_mpc.checking.followed import Followed
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Interval, Phase, Stretch, stiffness_intervals
 from twosra_mpc.plotting import figures
@@ -237,6 +238,16 @@ def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array, drawstyle: str = "
         style = figures.segment_curve(wheel // 2, ("-", "--")[wheel % 2])
         ax.plot(time_s, speed, label=f"wheel {wheel + 1}", drawstyle=drawstyle, **style)
     return finished(ax, "wheel speed\n[rad/s]")
+
+
+def draw_off_path(ax: Axes, found: Sequence[Followed]) -> Axes:
+    """Draw how far what follows a path is from it, and how far it may be."""
+    for each in found:
+        ax.plot(each.t_s, 1e3 * each.off_m, c=figures.NEAREST_COLOUR, lw=1.0)
+        ends, most = each.t_s[[0, -1]], [1e3 * each.within_m] * 2
+        ax.plot(ends, most, c=figures.TASK_COLOUR, lw=1.0, ls="--")
+    ax.set_ylim(bottom=0.0)
+    return ax
 
 
 @public

@@ -155,6 +155,11 @@ class Task(Tagged):
         return f"{self.do} {self.name or self.about or f'goal {number}'}"
 
     @property
+    def called(self) -> str:
+        """What it is called where its number is not known, e.g. "grasp cup"."""
+        return f"{self.do} {self.name or self.about or ''}".strip()
+
+    @property
     def about(self) -> str | None:
         """Name of the object, or obstacle, that it is about."""
         return getattr(self, "object", None)

@@ -110,6 +110,9 @@ class Metrics(NamedTuple):
         object_rad: The same for headings, where they are asked for.
         lost: How often an object was not where it should have been held.
         squeezed: Which object was squeezed, in what and how deep; empty if none.
+        off_path_mean_m: How far what follows a path was from it in truth, on average along the
+            way; None where nothing follows one.
+        off_path_m: The same at worst.
     """
 
     reached: bool
@@ -132,6 +135,8 @@ class Metrics(NamedTuple):
     object_rad: float | None = None
     lost: int = 0
     squeezed: str = ""
+    off_path_mean_m: float | None = None
+    off_path_m: float | None = None
 
 
 @public
@@ -164,6 +169,7 @@ class Simulation(ArrayValue):
         if truth.touched is None and near is not None and near.touched:
             touched = f"touched {near.name} at {near.time_s:z.0f} s"
         object_m, object_rad = object_errors(run.problem, truth)
+        off_m = [each.off_m for each in run.followed(truth.time_s, truth.q, truth.objects)]
         put = (object_m or 0.0) <= ACCURACY[0] and (object_rad or 0.0) <= ACCURACY[2]
         return Metrics(
             reached=run.reached and run.accuracy.of(error) <= 1.0 and put and not touched,
@@ -186,6 +192,8 @@ class Simulation(ArrayValue):
             object_rad=object_rad,
             lost=run.lost,
             squeezed=truth.squeezed,
+            off_path_mean_m=float(np.concatenate(off_m).mean()) if off_m else None,
+            off_path_m=float(np.concatenate(off_m).max()) if off_m else None,
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """A plan as a ROS 2 bag (MCAP) of standard messages, written without ROS.
 
 ``/robot_description`` is the robot as URDF (`robot_chain`), ``/joint_states`` its hinges and
-wheels, ``/tf`` all its frames, ``/path`` the course of b0. ``/wheel_commands`` are joint states
-whose velocities hold to the next message. ``/mode`` is the stiffness mode, 1 for each soft segment;
+wheels, ``/tf`` all its frames, ``/path`` the course of b0, ``/objectN/path`` that of each object
+and ``/followN/path`` a path as it is asked for. ``/wheel_commands`` are joint states whose
+velocities hold to the next message. ``/mode`` is the stiffness mode, 1 for each soft segment;
 ``/segmentN/temperature`` is what the metal is expected to be and ``/segmentN/setpoint`` what its
 heater regulates to, in degrees Celsius. Times are the plan's, from zero; what does not change is
 not written again, but for the plan's end, at which every topic has a last message. The description,
-path, mode and ``/surroundings`` are latched: who subscribes later gets them, too. Surroundings are
+paths, mode and ``/surroundings`` are latched: who subscribes later gets them, too. Surroundings are
 outlines: of obstacles in the world, of each object in a frame of its own that ``/tf`` moves.
 """
 
@@ -41,7 +42,7 @@ _TYPES = dict(  # interface -> its fields
     each.split("\n", 1) for each in data_file("lab/export/interfaces.msg").split(_RULE)[1:]
 )
 
-_LATCHED = {"/robot_description", "/path", "/mode", "/surroundings"}
+_LATCHED = ("/robot_description", "/path", "/mode", "/surroundings")  # what ends like this
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 _QOS = {  # of a publisher, in the numbers of rmw: reliable, keeps the last message
     **{"history": 1, "depth": 1, "reliability": 1, "durability": 2, "deadline": _FOREVER},
@@ -82,7 +83,7 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
 
         def send(topic: str, interface: str, time_s: float, message: dict[str, Any]) -> None:
             if topic not in bag._channel_ids:  # it would register one without metadata
-                durable = {"durability": _TRANSIENT_LOCAL} if topic in _LATCHED else {}
+                durable = {"durability": _TRANSIENT_LOCAL} if topic.endswith(_LATCHED) else {}
                 bag._channel_ids[topic] = bag._writer.register_channel(
                     topic=topic,
                     message_encoding="cdr",
@@ -139,18 +140,21 @@ def _frame_of(item: Object) -> str:
 
 
 def _send_motion(plan: Plan, send: Send) -> None:
-    """The path once; joint states and frames wherever robot or objects have moved."""
+    """Paths once; joint states and frames wherever robot or objects have moved."""
     geometry, samples = plan.robot.geometry, plan.samples
     turned = plan.trajectory.wheel_travel_rad(samples.t_s)
     things = plan.problem.objects
     moved = object_poses(plan.trajectory, samples.t_s, samples.q)
     new = _news(np.hstack([samples.q, turned, moved.reshape(len(turned), -1)]))
-    times, places = samples.t_s[new].tolist(), samples.q[new, :POSE].tolist()
-    poses = [
-        {"header": _header(t), "pose": {"position": _xyz(x, y), "orientation": _turn(phi)}}
-        for t, (x, y, phi) in zip(times, places, strict=True)
-    ]
-    send("/path", "nav_msgs/Path", 0.0, {"header": _header(0.0), "poses": poses})
+    times = samples.t_s[new].tolist()
+    _send_path("/path", times, samples.q[new, :POSE], send)
+    for number in range(len(things)):
+        _send_path(f"/object{number + 1}/path", times, moved[new, number], send)
+    lines = [task.stage(plan.problem.modes).follows for task in plan.problem.tasks]
+    for number, line in enumerate((each.line for each in lines if each is not None), start=1):
+        asked = np.where(np.isnan(line.headings), line.tangent.headings, line.headings)
+        poses = np.column_stack([line.points, asked])
+        _send_path(f"/follow{number}/path", [0.0] * len(poses), poses, send)
     chain = joints(geometry)
     names = [joint.name for joint in chain]
     rows = zip(times, samples.q[new], turned[new], moved[new].tolist(), strict=True)
@@ -164,6 +168,14 @@ def _send_motion(plan: Plan, send: Send) -> None:
         for item, (x, y, phi) in zip(things, at, strict=True):
             frames.append(_frame(time_s, WORLD, _frame_of(item), _xyz(x, y), _turn(phi)))
         send("/tf", "tf2_msgs/TFMessage", time_s, {"transforms": frames})
+
+
+def _send_path(topic: str, times: list[float], poses: Array, send: Send) -> None:
+    stamped = [
+        {"header": _header(t), "pose": {"position": _xyz(x, y), "orientation": _turn(phi)}}
+        for t, (x, y, phi) in zip(times, poses.tolist(), strict=True)
+    ]
+    send(topic, "nav_msgs/Path", 0.0, {"header": _header(0.0), "poses": stamped})
 
 
 def _send_commands(held: Samples, send: Send) -> None:

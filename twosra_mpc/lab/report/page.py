@@ -25,6 +25,7 @@ import tomlkit
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import task_costs
 from twosra_mpc.arguments import public
+from twosra_mpc.checking.followed import plan_off_words
 from twosra_mpc.files import data_file, ending_of, environment, write_text
 from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
@@ -102,6 +103,7 @@ def report_page(result: Result, origin: Origin | None = None) -> str:
         tasks=task_costs(plan) if plan else (),
         motion=player.motion_of(plan) if plan else None,
         figure=picture_address(plot_plan(plan, policy=result.policy), "svg") if plan else "",
+        off_path=plan_off_words(plan.trajectory) if plan else "",
         origin=origin,
         scenario=scenario_toml(result.problem),
         commands=commands(origin),
