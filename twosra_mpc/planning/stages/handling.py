@@ -175,9 +175,8 @@ class Handling:
                 if rooms_m[alike] < most_m:
                     touches.append(each)
         if not touches:
-            self.refused[
-                _no_grasp(task, found, min(rooms_m.values(), default=math.inf), most_m)
-            ] = True
+            least_m = min(rooms_m.values(), default=math.inf)
+            self.refused[_no_grasp(task, found, least_m, most_m)] = True
         few = ((each, rooms_m.get(_alike(thing, each), math.inf)) for each in _a_few(touches))
         self._known[key] = tuple(few)
         return self._known[key]
@@ -359,8 +358,8 @@ def _no_grasp(task: Grasp, found: TouchSet, least_m: float, most_m: float) -> st
 
 def _too_loose(name: str, room_m: float, tolerance_m: float) -> str:
     """Reason why a cage is not tight enough for a path."""
-    room = f"{name} has {1e3 * room_m:z.3g} mm of room in its cage"
-    return f"{room}, and its path position_tolerance_m = {tolerance_m:zg} m: no more than that"
+    asked = f"position_tolerance_m = {tolerance_m:zg} m of its path must be more than that"
+    return f"{name} has {1e3 * room_m:z.3g} mm of room in its cage: {asked}"
 
 
 HEADINGS = 24  # of the robot around a disc
