@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,21 @@ def test_a_path_that_begins_elsewhere_says_what_to_do_before() -> None:
     assert found.plan is None
     assert "begins 200 mm away" in found.message
     assert found.status is Status.INFEASIBLE
+
+
+def test_an_object_is_led_no_nearer_than_its_cage_has_room() -> None:
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (39.0, 39.0), "holding": "cup"}
+    cup = {"name": "cup", "pose": {"x_m": 0.0, "y_m": 0.0342}, "disc": {"radius_m": 0.0275}}
+    task = {"do": "follow", "object": "cup", "path": [[0.0, 0.0342], [0.3, 0.1]]}
+    given: Any = {"robot": ROBOT, "start": start, "objects": [cup], "gap": 0.2}
+    found = plan(Problem(**given, tasks=[task | {"position_tolerance_m": 0.003}]))
+    assert found.status is Status.INFEASIBLE
+    words = re.match(r"cup has ([\d.]+) mm of room in its cage: .* = 0.003 m", found.message)
+    assert words is not None
+    least_m = 1.01e-3 * float(words[1])
+    assert least_m > 0.003
+    made = plan(Problem(**given, tasks=[task | {"position_tolerance_m": least_m}])).require()
+    assert made.verification.ok
 
 
 @pytest.mark.parametrize("before", [{"tolerance": {"x_m": 0.02}}, {"x_m": None}, {"phi_rad": None}])

@@ -71,6 +71,10 @@ def test_how_deep_things_lie_is_told_by_the_sides_of_both() -> None:
     found = item.deepest(np.array([0.028, 0.003, 0.0]), Pieces(square[None]))
     assert found is not None
     assert found.depth_m == pytest.approx(0.002)
+    for k in range(200):  # touching, to rounding: no overlap, or next to none
+        beside = composed(np.array([0.3, -0.2, k]), np.array([0.03 - k % 4 * 1e-17, 0.003, 0.0]))
+        moved = Pieces(placed(square[None], np.array([[0.3, -0.2, k]]))[0])
+        assert item.deepest(beside, moved) is None
     turn = math.sqrt(0.5) * np.array([[1.0, 1.0], [-1.0, 1.0]])
     standing = Pieces((square @ turn)[None])
     assert item.deepest(np.array([0.0274, 0.0274, 0.0]), standing) is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.studies.attack import AttackStudy
+from benchmarks.studies.carried import Carried
 from benchmarks.studies.certificate import Certificate
 from benchmarks.studies.closed_loop import ClosedLoop
 from benchmarks.studies.closed_loop_missions import ClosedLoopMissions
@@ -72,6 +73,7 @@ STUDIES: dict[str, Study] = {
         problems=("published-default",), seeds=2, executors=("optimal",), plant="mujoco"
     ),
     "closed-loop-missions": ClosedLoopMissions(),
+    "carried": Carried(),
     "departure": Departure(),
     "faults": Faults(executors=("optimal",)),
     "lying": Lying(),
@@ -112,6 +114,7 @@ FULL: dict[str, dict[str, Any]] = {  # what differs where hours do not matter
     "closed-loop-scenes": {"problems": ("scenes-100",)},
     "physics": {"seeds": 8, "executors": ("optimal", "greedy")},
     "closed-loop-missions": {"seeds": 10},
+    "carried": {"paths": 12, "robots": 3},
     "departure": {"problems": ("random-100:25",), "seeds": 2},
     "faults": {"count": 100, "executors": ("optimal", "greedy")},
     "lying": {"count": 40, "sound": 1000},

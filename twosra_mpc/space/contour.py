@@ -347,7 +347,7 @@ def _of_part(part: Array, pieces: Pieces) -> Contact:
     by_part = (corners @ own.T).min(axis=1) - own_reach
     by_piece = (normals @ part.T).min(axis=-1) - reach
     apart = np.maximum(by_part.max(axis=1), by_piece.max(axis=1))
-    touched = np.flatnonzero(apart < 0)
+    touched = np.flatnonzero(apart < -_THIN_M)
     deepest = Contact(0.0, np.zeros(2), np.zeros(2), 0)
     for piece in touched.tolist():
         middles = corners[piece] + pieces.ahead[piece] / 2
@@ -363,7 +363,7 @@ def _of_part(part: Array, pieces: Pieces) -> Contact:
 
 def _within(points: Array, normals: Array, reach: Array) -> NDArray[np.bool_]:
     """True where points (m, 2) lie within any of the pieces with these sides."""
-    within = (normals @ points.T <= reach[..., None] + 1e-9).all(axis=1)  # (p, k, m)
+    within = (normals @ points.T <= reach[..., None] + _THIN_M).all(axis=1)  # (p, k, m)
     return np.any(within, axis=0)
 
 

@@ -386,8 +386,8 @@ def _no_grasp(task: Grasp, found: TouchSet, least_m: float, most_m: float) -> st
 
 def _too_loose(name: str, room_m: float, tolerance_m: float) -> str:
     """Reason why a cage is not tight enough for a path."""
-    room = f"{name} has {1e3 * room_m:z.3g} mm of room in its cage"
-    return f"{room}, and its path position_tolerance_m = {tolerance_m:zg} m: no more than that"
+    asked = f"position_tolerance_m = {tolerance_m:zg} m of its path must be more than that"
+    return f"{name} has {1e3 * room_m:z.3g} mm of room in its cage: {asked}"
 
 
 HEADINGS = 24  # of the robot around a disc
