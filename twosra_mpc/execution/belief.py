@@ -10,7 +10,7 @@ import numpy as np
 
 from twosra_mpc.control.stiffness import CLEARLY_S, KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
-from twosra_mpc.execution.camera_filter import CameraFilter, only, usable
+from twosra_mpc.execution.camera_filter import CREEP, EVENING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import (
     Guard,
@@ -164,6 +164,14 @@ class Belief:
         return tuple(int(now == "soft") for now in reported)
 
     @property
+    def _even_out(self) -> bool:
+        """True if a segment melts while another is not solid: their bends may even out."""
+        stiffness = np.array(self.reading.stiffness)
+        melts = self.setpoint_C >= self.problem.robot.heater.soft_setpoint_C
+        loose = stiffness != "rigid"
+        return loose.sum() > 1 and bool((melts & (stiffness == "changing")).any())
+
+    @property
     def metal(self) -> tuple[Metal | None, ...]:
         """Metal of the segments as believed; None of one that is changing and nobody knows."""
         return tuple(map(self._metal, range(len(self._watches))))
@@ -260,7 +268,9 @@ class Belief:
         after = before if mode is None else self._rolled(mode, before, turned)
         if mode is not None and self.drives and self.drives[-1].mode != mode:
             self._filter.forget_response()
-        self._filter.predict(self.now_s, after - before, self.problem.robot.geometry.lengths_m)
+        creep = EVENING if self._even_out else CREEP
+        lengths_m = self.problem.robot.geometry.lengths_m
+        self._filter.predict(self.now_s, after - before, lengths_m, creep)
         self._look()
         self._listen()
         self._note_changes()

@@ -25,7 +25,7 @@ from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
+from twosra_mpc.robot.joint_bends import JointBend
 from twosra_mpc.robot.modes import Mode, ModeSequence, last_bent, soft_segments
 
 
@@ -68,7 +68,7 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
 def _best(plan: Plan) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
     problem, made = plan.problem, plan
-    bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
+    bends = problem.robot.joint_bends
     policy = _policy(plan, bends)
     for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
         if (other := _found(problem, excluded)) is None:
@@ -187,7 +187,7 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
             continue
         here, last = planned[k] + away, last_bent(modes[k:])
         if k == 0 or modes[k - 1] != mode:
-            here[soft] += bend.relaxation * (here[soft].mean() - here[soft])
+            here[soft] = bend.evened(here[soft])
         bent = np.zeros_like(here)
         bent[soft] = 1 + bend.split * (-1.0) ** np.arange(len(soft))
         aims = last or soft
