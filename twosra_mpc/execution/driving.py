@@ -17,7 +17,7 @@ from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending
-from twosra_mpc.robot.accuracy import ACCEPTED, AIMED
+from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, last_bent, soft_segments
@@ -70,7 +70,6 @@ class Driving:
         modes = [phase.mode for phase in plan.phases[index:]]
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
-        self.aside = self._aside(modes)
         self.begun = self.belief.q.copy()
         if self.belief.guard is not None:
             self.belief.guard.begin(self.begun)
@@ -88,18 +87,6 @@ class Driving:
         after = phases[self.index + 1]
         bends = self.mission.rests and self.rigid and not is_rigid(after.mode)
         return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
-
-    def _aside(self, modes: Sequence[Mode]) -> float:
-        """Mean bend by which the phase aims nearer to the middle of the goal than the plan [1/m].
-
-        A plan may end at the edge of what counts as there, where a run would have to melt again.
-        """
-        plan, last = self.course.plan, [POSE + j for j in last_bent(modes)]
-        if plan.problem.tasks or not last:
-            return 0.0
-        off = self.belief.goal.error(plan.trajectory.configuration([plan.duration_s])[0])[last]
-        most = AIMED * self.scale[last]
-        return float((off - np.clip(off, -most, most)).mean())
 
     def advance(self) -> Next:
         """Drive for a period, stand while that is not possible, or end."""
@@ -122,7 +109,8 @@ class Driving:
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
-        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, course.soft_for_s)
+        soft_for_s = course.soft_for_s + (np.inf if self._looks else 0.0)  # again: for how long?
+        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, soft_for_s)
         if not over:
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s
@@ -200,7 +188,7 @@ class Driving:
         q = self.belief.q.copy()
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
-            q[POSE:][self.soft] += away[self.settling].mean() - away[self.soft].mean() + self.aside
+            q[POSE:][self.soft] += away[self.settling].mean() - away[self.soft].mean()
         return q
 
     def _off(self) -> float:

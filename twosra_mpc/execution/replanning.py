@@ -20,7 +20,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem, Start
-from twosra_mpc.robot.accuracy import ACCEPTED, AIMED
+from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 from twosra_mpc.timing import transition_model
@@ -248,7 +248,7 @@ def remaining_problem(
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
     modes = tuple(m for m in modes if m not in avoided)
-    aimed = AIMED / (1 + misses / 2)
+    aimed = PLANNED / (2 + misses)
     goal = _goal(problem, np.concatenate([q[:POSE], kappa]), mode, broken, aimed)
     workspace = problem.workspace
     if workspace is not None:  # who is out of it already needs so much more room

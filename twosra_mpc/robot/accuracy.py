@@ -10,7 +10,6 @@ from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.validation import Positive, Value
 
 PLANNED = 0.7  # of the accuracy: what plans use of it; the rest is for the run
-AIMED = 0.35  # of the accuracy: what runs use where they bend
 POSE_SHARE = 0.7  # of the accuracy: more is corrected, which takes seconds
 SHAPE_SHARE = 0.9  # of the accuracy: more is planned again, which takes minutes
 ACCEPTED = 0.85  # curvature errors up to this share of the accuracy are left as they are
