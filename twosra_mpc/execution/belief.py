@@ -166,10 +166,9 @@ class Belief:
     @property
     def _even_out(self) -> bool:
         """True if a segment melts while another is not solid: their bends may even out."""
-        stiffness = np.array(self.reading.stiffness)
-        melts = self.setpoint_C >= self.problem.robot.heater.soft_setpoint_C
-        loose = stiffness != "rigid"
-        return loose.sum() > 1 and bool((melts & (stiffness == "changing")).any())
+        stiffness, soft_C = self.reading.stiffness, self.problem.robot.heater.soft_setpoint_C
+        melts = "changing" in np.array(stiffness)[self.setpoint_C >= soft_C]
+        return melts and stiffness.count("rigid") + 1 < len(stiffness)
 
     @property
     def metal(self) -> tuple[Metal | None, ...]:
