@@ -19,12 +19,11 @@ from twosra_mpc import InputError, Plan, Problem, load_plan, load_problem, load_
 from twosra_mpc.analysis.explanation import explain
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.effort import Ending
-from twosra_mpc.execution.simulation.disturbance import LEVELS
-from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
+from twosra_mpc.execution.simulation.plant import PathMotion, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.files import write_json
 from twosra_mpc.lab.identification.bend_learning import learned, told_by
-from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.planning.confirmed_bound import Sequences, at_once, least_costs_s
 from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched
 from twosra_mpc.planning.policy import RELYING, relies, surprise
@@ -130,25 +129,28 @@ def test_published_problems_have_a_policy_near_its_bound(name: str) -> None:
         assert not relies(made.sequence)
 
 
-@pytest.mark.parametrize("split", [0.44, -0.1])
-def test_where_a_joint_bend_ends_is_where_a_robot_that_splits_so_ends(split: float) -> None:
+@pytest.mark.parametrize(("split", "relaxation"), [(0.44, 0.0), (-0.1, 0.8), (0.0, 1.0)])
+def test_where_a_joint_bend_ends_is_where_a_robot_drawn_by_its_file_ends(
+    split: float, relaxation: float
+) -> None:
     """Its wheels roll as planned; the pose differs, the mean bend does not."""
     made = solved("paper-1").require()
-    missed = surprise(made, JointBend(split))
+    missed = surprise(made, JointBend(split, relaxation))
     assert missed is not None
     phase, kappa, off, _ = missed
     begin, end = made.phases[phase].start_s, made.phases[phase].end_s
     times = np.linspace(begin, end, 200)
     path = made.trajectory.at(times)
     turned = np.diff(made.trajectory.wheel_travel_rad(times), axis=0)
-    q, roll = path.q[0], rolling(made.robot.body, made.phases[phase].mode)
+    uncertain = Uncertainty(joint_splits=(split,), joint_relaxations=(relaxation,))
+    robot, rng = ROBOT.with_values(uncertainty=uncertain), np.random.default_rng(0)
+    plant = PathMotion(made.problem, robot, Disturbance(joint_bends=1.0), rng, rng)
+    plant.q = path.q[0]
     for step in turned:
-        q = roll(q, step, Drift(split=split)).full().ravel()
+        plant.roll(step, [1.0, 1.0], 0.1)
+    q = plant.q
     assert q[3:] == pytest.approx(kappa, abs=0.05)
     assert off == pytest.approx(np.abs(q[3:] - path.q[-1, 3:]).max(), abs=0.05)
-    even = surprise(made, JointBend(0.0, 1.0))
-    assert even is not None
-    assert even[1][0] == pytest.approx(even[1][1])  # springs that have all their will
     assert surprise(made, JointBend()) is None
 
 
@@ -232,9 +234,8 @@ def test_runs_rely_on_no_joint_bend_once_one_has_missed_and_tell_how_it_went(
     assert others
     assert not any(relies(other.sequence) for other in others)
     told, robot = told_by(simulation.run, ROBOT), SimulatedRobot(problem, "arc", HARD, 100)
-    drawn = vars(vars(robot)["_motion"])["_drift"][1, 1]
-    assert told.split == pytest.approx(drawn.split, abs=0.04)
-    assert told.relaxation == pytest.approx(0.0, abs=0.06)
+    drawn = vars(vars(robot)["_motion"])["_joint"][1, 1]
+    assert told[:2] == pytest.approx(drawn, abs=0.06)
     files = tmp_path / "run.json", tmp_path / "robot.toml"
     write_json(files[0], simulation.run.to_dict())
     code, out, _ = run("learn", files[0], "--out", files[1])

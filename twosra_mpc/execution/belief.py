@@ -10,7 +10,7 @@ import numpy as np
 
 from twosra_mpc.control.stiffness import CLEARLY_S, KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
-from twosra_mpc.execution.camera_filter import CameraFilter, only, usable
+from twosra_mpc.execution.camera_filter import CREEP, EVENING, CameraFilter, only, usable
 from twosra_mpc.execution.doubt import Doubt
 from twosra_mpc.execution.guard import (
     Guard,
@@ -164,6 +164,13 @@ class Belief:
         return tuple(int(now == "soft") for now in reported)
 
     @property
+    def _even_out(self) -> bool:
+        """True if a segment melts while another is not solid: their bends may even out."""
+        stiffness, soft_C = self.reading.stiffness, self.problem.robot.heater.soft_setpoint_C
+        melts = "changing" in np.array(stiffness)[self.setpoint_C >= soft_C]
+        return melts and stiffness.count("rigid") + 1 < len(stiffness)
+
+    @property
     def metal(self) -> tuple[Metal | None, ...]:
         """Metal of the segments as believed; None of one that is changing and nobody knows."""
         return tuple(map(self._metal, range(len(self._watches))))
@@ -260,7 +267,9 @@ class Belief:
         after = before if mode is None else self._rolled(mode, before, turned)
         if mode is not None and self.drives and self.drives[-1].mode != mode:
             self._filter.forget_response()
-        self._filter.predict(self.now_s, after - before, self.problem.robot.geometry.lengths_m)
+        creep = EVENING if self._even_out else CREEP
+        lengths_m = self.problem.robot.geometry.lengths_m
+        self._filter.predict(self.now_s, after - before, lengths_m, creep)
         self._look()
         self._listen()
         self._note_changes()

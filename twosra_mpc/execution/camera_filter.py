@@ -36,6 +36,7 @@ DRIFT = 0.15  # of the travel: of the pose, besides its response
 ARM_M = 0.1  # at which turning and bending count as travel
 SETTLING_S = 0.35  # in which motors settle, by the follow-up robot's log; the model has no lag
 CREEP = 0.01  # of a frame's standard deviation, per square root of a second
+EVENING = 0.3  # the same while segments become soft together: a second's frames count
 _RESPONSES = (-2.0, 4.0)  # what a push would teach beyond that would run away
 GATE = 6.0
 WILD = (0.01, 0.1, 5.0)  # [m, rad, 1/m]: models are off by 3 mm and 0.05 rad more at `hard`
@@ -76,15 +77,18 @@ class CameraFilter:
         self._response, self._shared = np.ones(size), np.zeros(size)
         self._doubt = np.full(size, RESPONSE_DOUBT**2)
 
-    def predict(self, time_s: float, moved: Array, lengths_m: tuple[float, ...]) -> None:
+    def predict(
+        self, time_s: float, moved: Array, lengths_m: tuple[float, ...], creep: float = CREEP
+    ) -> None:
         """Take in that time has passed.
 
         Args:
             time_s: Now.
             moved: How the model says q has changed since, (5,).
             lengths_m: Of the segments.
+            creep: What it moves by itself, see `CREEP`.
         """
-        self.variance = self.variance + CREEP**2 * (time_s - self._time_s) * self._frame
+        self.variance = self.variance + creep**2 * (time_s - self._time_s) * self._frame
         if moved.any():
             bent = float(np.abs(moved[POSE:]) @ lengths_m)
             travel = math.hypot(moved[0], moved[1]) + ARM_M * (abs(float(moved[2])) + bent)

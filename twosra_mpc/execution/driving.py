@@ -112,7 +112,8 @@ class Driving:
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
-        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, course.soft_for_s)
+        soft_for_s = course.soft_for_s + (np.inf if self._looks else 0.0)  # again: for how long?
+        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, soft_for_s)
         if not over:
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s

@@ -25,7 +25,7 @@ from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
+from twosra_mpc.robot.joint_bends import JointBend
 from twosra_mpc.robot.modes import Mode, ModeSequence, last_bent, soft_segments
 
 
@@ -68,7 +68,7 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
 def _best(plan: Plan) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
     problem, made = plan.problem, plan
-    bends = (problem.robot.uncertainty or Uncertainty()).joint_bends
+    bends = problem.robot.joint_bends
     policy = _policy(plan, bends)
     for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
         if (other := _found(problem, excluded)) is None:
@@ -118,8 +118,7 @@ def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
         costs.append((share, cost_s))
     branches = []
     for (phase, modes), same in sorted(found.items()):
-        own = [each.bend for each in same]
-        when = _how(own, [bend for bend in bends if bend not in own])
+        when = _how([each.bend for each in same])
         off, mean_s = min(each.off_per_m for each in same), np.mean([each.cost_s for each in same])
         branches.append(Branch(share * len(same), phase, when, off, modes, float(mean_s)))
     return Policy(risk, priced(costs, risk), planned_s, tuple(branches))
@@ -133,21 +132,15 @@ class _Outcome(NamedTuple):
     cost_s: float
 
 
-def _how(own: Sequence[JointBend], others: Sequence[JointBend]) -> str:
-    """What tells joint bends from others, in words."""
-    split = max((abs(bend.split) for bend in others), default=0.0)
-    relaxation = max((bend.relaxation for bend in others), default=0.0)
-    more = [abs(bend.split) > split for bend in own]
-    evener = [bend.relaxation > relaxation for bend in own]
-    if not all(map(max, more, evener)):
-        listed = dict.fromkeys(
-            f"splits by {100 * bend.split:+z.0f} % and evens out by {100 * bend.relaxation:z.0f} %"
-            for bend in own
-        )
-        return " or ".join(listed)
-    even = f"evens out by more than {100 * relaxation:z.0f} %" if relaxation else "evens out"
-    words = [f"splits by more than {100 * split:z.0f} %"] * any(more) + [even] * any(evener)
-    return " or ".join(words)
+def _how(bends: Sequence[JointBend]) -> str:
+    """Joint bends in words; splits that go with the same losses are told together."""
+    losses, splits = dict[float, list[str]](), dict[str, list[str]]()
+    for bend in bends:
+        losses.setdefault(bend.split, []).append(f"{100 * bend.relaxation:z.0f}")
+    for split, lost in losses.items():
+        splits.setdefault(" or ".join(lost), []).append(f"{100 * split:+z.0f}")
+    each = (f"{' or '.join(own)} % and evens out by {lost} %" for lost, own in splits.items())
+    return f"splits by {', or by '.join(each)}"
 
 
 class Surprise(NamedTuple):
@@ -187,7 +180,7 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
             continue
         here, last = planned[k] + away, last_bent(modes[k:])
         if k == 0 or modes[k - 1] != mode:
-            here[soft] += bend.relaxation * (here[soft].mean() - here[soft])
+            here[soft] = bend.evened(here[soft])
         bent = np.zeros_like(here)
         bent[soft] = 1 + bend.split * (-1.0) ** np.arange(len(soft))
         aims = last or soft

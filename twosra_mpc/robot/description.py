@@ -23,7 +23,7 @@ from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
-from twosra_mpc.robot.joint_bends import Uncertainty
+from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
 from twosra_mpc.robot.paths import PATH_MODELS, LogSpiralPath
 from twosra_mpc.robot.paths import Path as PathRecord
@@ -159,6 +159,11 @@ class Robot(Value):
     def ends_within(self) -> Accuracy:
         """Accuracy of runs at their goals: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
         return self.accuracy or Accuracy()
+
+    @property
+    def joint_bends(self) -> tuple[JointBend, ...]:
+        """Ways in which joint bends may end: of ``uncertainty``, or as planned without it."""
+        return (self.uncertainty or Uncertainty()).joint_bends
 
     @property
     def true_physics(self) -> Physics:

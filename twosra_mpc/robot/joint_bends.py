@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Share, Value, plain
 
 
@@ -21,6 +22,10 @@ class JointBend(NamedTuple):
 
     split: float = 0.0
     relaxation: float = 0.0
+
+    def evened(self, soft: Array) -> Array:
+        """Bending coordinates W of segments once they are soft together."""
+        return soft + self.relaxation * (soft.mean() - soft)
 
 
 _Split = Annotated[float, Field(gt=-1.0, lt=1.0)]

@@ -1,9 +1,9 @@
 """Disturbances of a real robot from its model, in four levels with the sources of their numbers.
 
 Pairs are ranges to draw from, evenly; other numbers are standard deviations about the model, except
-slip, rounding and ``split``, which is the largest. Turn, shift, unequal bending and the share of
-the bend are drawn once for each soft mode, the others once a run. Thermal parameters are drawn from
-the ranges in the robot file (5 % and 95 % values).
+slip and rounding. Turn, shift, joint bends and the share of the bend are drawn once for each soft
+mode, the others once a run. Thermal parameters are drawn from the ranges in the robot file (5 % and
+95 % values), joint bends from its ``[uncertainty]``, with which plans count.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Disturbance:
         motor_lag_s: Time constant of the wheels' motors.
         pivot_rad_per_rad: Turn of the robot that the wheels do not ask for, per bending angle.
         slide_m_per_rad: Sideways shift of the robot, per bending angle.
-        split: Unequal bending of soft segments, relative to their mean, at most.
+        joint_bends: Width of the uncertainty of joint bends, 1: as in the robot file.
         bend_share: Share of the commanded bending rate that is reached.
         lengths: Relative errors of the geometry's lengths.
         thermal_ranges: Width of the thermal parameters' ranges, 1: as in the robot file.
@@ -50,7 +50,7 @@ class Disturbance:
     motor_lag_s: NonNegative = 0.0
     pivot_rad_per_rad: NonNegative = 0.0
     slide_m_per_rad: NonNegative = 0.0
-    split: NonNegative = 0.0
+    joint_bends: Share = 0.0
     bend_share: Annotated[tuple[NonNegative, NonNegative], Range()] = (1.0, 1.0)
     lengths: NonNegative = 0.0
     thermal_ranges: NonNegative = 0.0
@@ -83,7 +83,7 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     # Twelve soft phases of the authors' logs, given their bends: -0.25 to 0.65 rad, median 0.0.
     "pivot_rad_per_rad": (0.05, 0.15, 0.3),
     "slide_m_per_rad": (0.002, 0.008, 0.015),
-    "split": (0.01, 0.10, 0.44),  # the three trials in mode [1,1]: 1, 10 and 44 %
+    "joint_bends": (0.5, 1.0, 1.0),  # half of the robot file's, or all: there with their sources
     "bend_share": ((0.9, 1.1), (0.7, 1.2), (0.5, 1.3)),  # rigid bodies, as above
     "lengths": (0.005, 0.01, 0.02),  # assumed: measuring 40 mm to 0.2 to 0.8 mm
     "thermal_ranges": (0.5, 1.0, 1.0),  # half of the ranges in the robot file, or all

@@ -22,7 +22,8 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.execution.guard import bends_into_itself
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
-from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.rolling import Drift, dragged, rolling
 from twosra_mpc.physics.engine import Engine
 from twosra_mpc.planning.planner import plan_again
 from twosra_mpc.plans.result import Result
@@ -30,7 +31,8 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model, with_path_model
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import Mode, all_modes
+from twosra_mpc.robot.joint_bends import JointBend
+from twosra_mpc.robot.modes import Mode, all_modes, soft_segments
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
@@ -71,8 +73,14 @@ class PathMotion:
         self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, WHEELS), 0.0, 0.9)
         modes = all_modes(robot.coordinates.segments)[1:]
         by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
-        self._drift = {mode: _drift(what, drawn) for mode in by_number}
+        self._joint, self._drift = dict[Mode, JointBend](), dict[Mode, Drift]()
+        for mode in by_number:
+            turn, shift = (what.pivot_rad_per_rad, what.slide_m_per_rad) * drawn.standard_normal(2)
+            joint = robot.joint_bends[int(drawn.random() * len(robot.joint_bends))]
+            self._joint[mode] = JointBend(*(what.joint_bends * np.array(joint)))
+            self._drift[mode] = Drift(turn, shift, self._joint[mode].split)
         self._bends = {mode: drawn.uniform(*what.bend_share) for mode in by_number}
+        self._mode: Mode | None = None  # in which it moved last
         self.objects: ObjectPlant | None = None
         if problem.objects:
             from twosra_mpc.execution.simulation.object_plant import ObjectPlant
@@ -84,24 +92,36 @@ class PathMotion:
         self.q = np.concatenate([self.q[:POSE] + by, self.q[POSE:]])
 
     def at_rest(self, melted: Sequence[float]) -> bool:
-        """Always: nothing but wheels moves it."""
-        return True
+        """True unless segments are soft together that were not: they even out."""
+        return self._mode == _mode(melted) or sum(_mode(melted)) < 2
 
     def roll(self, turned: Array, melted: Sequence[float], duration_s: float) -> None:
         """Roll for a period; metal that is changing does not bend yet."""
-        q, mode = self.q, tuple(int(share == 1.0) for share in melted)
+        q, mode = self.q, _mode(melted)
+        if not self.at_rest(melted):
+            self.q = self._evened(q, mode)
+        self._mode = mode
         grip = self._grip * (1 + self._what.slip_noise * self._noise.standard_normal(WHEELS))
         drift, share = self._drift.get(mode, Drift()), self._bends.get(mode, 1.0)
-        after: Array = rolling(self._robot, mode)(q, turned * grip * share, drift).full().ravel()
-        if not bends_into_itself(self._robot, q, after[None]):  # else the wheels slip
+        roll = rolling(self._robot, mode)
+        after: Array = roll(self.q, turned * grip * share, drift).full().ravel()
+        if not bends_into_itself(self._robot, self.q, after[None]):  # else the wheels slip
             self.q = after
         if self.objects is not None:
             self.objects.follow(q, self.q)
 
+    def _evened(self, q: Array, mode: Mode) -> Array:
+        """Configuration once segments are soft together; the wheels stand, and slip least."""
+        facts, soft, after = bending(self._robot), list(soft_segments(mode)), q.copy()
+        w = facts.coordinates(q[POSE:])
+        w[soft] = self._joint[mode].evened(w[soft])
+        after[POSE:] = facts.curvatures(w.tolist())
+        after[:POSE] = dragged(self._robot, q, after[POSE:] - q[POSE:], np.zeros(WHEELS))
+        return after
 
-def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
-    turn, shift = (what.pivot_rad_per_rad, what.slide_m_per_rad) * drawn.standard_normal(2)
-    return Drift(turn, shift, drawn.uniform(-what.split, what.split))
+
+def _mode(melted: Sequence[float]) -> Mode:
+    return tuple(int(share == 1.0) for share in melted)
 
 
 AS_PLANNED, PHYSICS = "as-planned", "mujoco"
