@@ -1,4 +1,4 @@
-"""Peer planners: textbook ways to solve the same problems, judged like our own plans."""
+"""Peer planners: three textbook ways to solve the same problems, judged like our own plans."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from importlib.util import find_spec
 from multiprocessing import get_context
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -17,7 +16,7 @@ from pydantic import TypeAdapter
 from benchmarks.measurement import PlanRecord, Timing, facts
 from benchmarks.studies.peers.enumeration import Enumeration
 from benchmarks.studies.peers.integral_approximation import IntegralApproximation
-from benchmarks.studies.peers.minlp import ScipMinlp, TimeGridMinlp
+from benchmarks.studies.peers.minlp import TimeGridMinlp
 from benchmarks.studies.peers.motions import Answer, Solve, judged
 from benchmarks.study import Measured, PlanStudy
 from twosra_mpc import Plan, Problem
@@ -50,7 +49,6 @@ class Peers(PlanStudy):
         minlp: Peer 1.
         integral_approximation: Peer 2.
         enumeration: Peer 3.
-        scip: Peer 4, where pyscipopt is installed.
     """
 
     record: ClassVar = TypeAdapter(PlanRecord)
@@ -61,7 +59,6 @@ class Peers(PlanStudy):
     minlp: TimeGridMinlp = TimeGridMinlp()
     integral_approximation: IntegralApproximation = IntegralApproximation()
     enumeration: Enumeration = Enumeration()
-    scip: ScipMinlp = ScipMinlp()
 
     def peers(self) -> Mapping[str, Peer]:
         """The peers by name."""
@@ -69,7 +66,6 @@ class Peers(PlanStudy):
             "time-grid MINLP": self.minlp,
             "integral approximation": self.integral_approximation,
             "enumeration": self.enumeration,
-            **({"SCIP": self.scip} if find_spec("pyscipopt") else {}),
         }
 
     def cases(self) -> Iterator[Case]:
