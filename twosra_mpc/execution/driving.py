@@ -192,8 +192,25 @@ class Driving:
         q = self.mission.steered(self.belief.q.copy())
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
-            q[POSE:][self.soft] += away[self.settling].mean() - away[self.soft].mean()
+            aimed = self._right_at_once(q)
+            mean = away[self.settling].mean() if aimed is None else away[self.soft].mean() + aimed
+            q[POSE:][self.soft] += mean - away[self.soft].mean()
         return q
+
+    def _right_at_once(self, q: Array) -> float | None:
+        """By how much more than the mean of the goal the phase's end is bent [1/m].
+
+        None if not all soft segments can be right at once, or all have to be anyway.
+        """
+        if len(self.settling) == len(self.soft) or math.isfinite(self.mission.matters_s):
+            return None
+        plan, soft = self.course.plan, self.soft
+        end, final = plan.trajectory.configuration([self.phase.end_s, plan.duration_s])
+        at = np.concatenate([final[:POSE], q[POSE:]])
+        at[POSE:][soft] += (final - q)[POSE:][soft].mean()
+        if self.belief.accuracy.of_shape(self.belief.goal.error(at)) > ACCEPTED:
+            return None
+        return float((end - final)[POSE:][soft].mean())
 
     def _off(self) -> float:
         """Deviation of what the phase controls from the plan, in units of the accuracy."""

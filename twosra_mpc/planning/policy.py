@@ -163,7 +163,7 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
     """The first joint bend that misses the goal, or is right by chance; None: all goes as planned.
 
     Wheels bring the mean of the segments that bend for the last time to where it is planned, and
-    one that is soft alone.
+    one that is soft alone; where others bend again, that of all to the goal if it is right then.
 
     Args:
         plan: The plan.
@@ -183,11 +183,10 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
             here[soft] = bend.evened(here[soft])
         bent = np.zeros_like(here)
         bent[soft] = 1 + bend.split * (-1.0) ** np.arange(len(soft))
-        aims = last or soft
-        here += bent * (planned[k + 1] - here)[aims].mean() / bent[aims].mean()
-        away = here - planned[k + 1]
         relied = len(last) > 1
-        kappa, at_end = np.array(facts.curvatures(here.tolist())), ends[-1].copy()
+        aims, aim = (last, planned[k + 1]) if relied else (soft, planned[-1])
+        at = here + bent * (aim - here)[aims].mean() / bent[aims].mean()
+        kappa, at_end = np.array(facts.curvatures(at.tolist())), ends[-1].copy()
         at_end[POSE:][last if relied else slice(None)] = kappa[last if relied else slice(None)]
         off = accuracy.of_shape(goal.error(at_end))
         if relied and off > ACCEPTED:
@@ -196,6 +195,8 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
             low, high = plan.problem.goal.box(ends[-1])
             within = np.clip(kappa, low[POSE:], high[POSE:])
             return Surprise(k, within, off * accuracy.curvature_per_m, right=True)
+        here += bent * (planned[k + 1] - here)[last or soft].mean() / bent[last or soft].mean()
+        away = here - planned[k + 1]
     return None
 
 
