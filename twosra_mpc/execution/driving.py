@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
-_STIFF = 0.7  # of the bend: soft segments differ by up to 0.44 of it, a stiff one by all of it
+_STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
 _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
