@@ -30,7 +30,7 @@ from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_occupancy_map import write_map
 from test_problem import write
-from test_replay import TRIAL, TRIAL_1, wheel_log
+from test_replay import TRIAL, TRIAL_1, wheel_log, write_transport
 
 from benchmarks.files.heating import true_history, write_log
 from benchmarks.files.melts import made_up
@@ -392,6 +392,7 @@ def examples_read(tmp_path_factory: pytest.TempPathFactory) -> Path:
     poses, _ = wheel_log(folder, Drift(), seconds=1)
     for log in ("s1_v1_6.csv", "poses.csv"):
         (folder / log).write_bytes(poses.read_bytes())
+    write_transport(folder)
     return folder
 
 

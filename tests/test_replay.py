@@ -55,18 +55,24 @@ def clock(time_s: float) -> str:
     return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"
 
 
+def write_transport(folder: Path) -> None:
+    """A log of an object that slips by 12 mm, 3 mm beside its path, and the path as CSV and SVG."""
+    t, still = np.arange(0.0, 30.0, 0.5), np.zeros(60)
+    x = 0.02 * np.clip(t - 5.0, 0.0, 20.0)
+    object_x = x + 0.05 - 0.012 * np.clip(t - 15.0, 0.0, 1.0)
+    header = "time,x,y,angle,object_x,object_y,object_angle,path_x,path_y"
+    columns = (t, x, still, still, object_x, still + 0.003, still, x + 0.05, still)
+    written(folder / "transport.csv", header, np.column_stack(columns))
+    written(folder / "path.csv", "x,y", [(0.0, 0.0), (0.6, 0.0)])
+    (folder / "path.svg").write_text('<svg><path d="M0 0 h600"/></svg>', encoding="utf-8")
+
+
 @pytest.mark.parametrize("given", [(), ("--path", "path.csv")])
 def test_an_object_that_is_carried_is_compared_with_its_path(
     run: Run, tmp_path: Path, given: tuple[str, ...]
 ) -> None:
-    t, still = np.arange(0.0, 30.0, 0.5), np.zeros(60)
-    x = 0.02 * np.clip(t - 5.0, 0.0, 20.0)
-    object_x = x + 0.05 - 0.012 * np.clip(t - 15.0, 0.0, 1.0)  # slips 12 mm, in a second
-    header = "time,x,y,angle,object_x,object_y,object_angle,path_x,path_y"
-    columns = (t, x, still, still, object_x, still + 0.003, still, x + 0.05, still)
-    written(tmp_path / "log.csv", header, np.column_stack(columns))
-    written(tmp_path / "path.csv", "x,y", [(0.0, 0.0), (0.6, 0.0)])
-    code, out, err = run("replay", "log.csv", "--robot", "2sra-v1", *given)
+    write_transport(tmp_path)
+    code, out, err = run("replay", "transport.csv", "--robot", "2sra-v1", *given)
     assert (code, err) == (0, "")
     assert "off its path mean 3.00 mm, worst 3.00 mm" in out
     assert "slip in the hand 12.00 mm at most" in out

@@ -25,7 +25,7 @@ from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.joint_bends import JointBend
+from twosra_mpc.robot.joint_bends import JointBend, evened
 from twosra_mpc.robot.modes import Mode, ModeSequence, last_bent, soft_segments
 
 
@@ -180,7 +180,7 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
             continue
         here, last = planned[k] + away, last_bent(modes[k:])
         if k == 0 or modes[k - 1] != mode:
-            here[soft] = bend.evened(here[soft])
+            here[soft] = evened(bend, here[soft])
         bent = np.zeros_like(here)
         bent[soft] = 1 + bend.split * (-1.0) ** np.arange(len(soft))
         relied = len(last) > 1

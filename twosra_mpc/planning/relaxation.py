@@ -166,7 +166,7 @@ def _drive(
     x, y, phi, *kappa = begins.mean(axis=0).tolist()
     start = Start(x_m=x, y_m=y, phi_rad=phi, kappa_per_m=tuple(kappa))
     alone = Alone(problem.robot, start, same[0].goal, problem.workspace)
-    return lru_cache(8)(partial(rigid_time, alone, begins=begins))
+    return remembered(8)(partial(rigid_time, alone, begins=begins))
 
 
 def _w(problem: Problem, *ends: Array) -> Array:

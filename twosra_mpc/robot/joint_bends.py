@@ -23,9 +23,10 @@ class JointBend(NamedTuple):
     split: float = 0.0
     relaxation: float = 0.0
 
-    def evened(self, soft: Array) -> Array:
-        """Bending coordinates W of segments once they are soft together."""
-        return soft + self.relaxation * (soft.mean() - soft)
+
+def evened(bend: JointBend, soft: Array) -> Array:
+    """Bending coordinates W (n,) of segments once they are soft together."""
+    return soft + bend.relaxation * (soft.mean() - soft)
 
 
 _Split = Annotated[float, Field(gt=-1.0, lt=1.0)]

@@ -31,7 +31,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model, with_path_model
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.joint_bends import JointBend
+from twosra_mpc.robot.joint_bends import JointBend, evened
 from twosra_mpc.robot.modes import Mode, all_modes, soft_segments
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
@@ -114,7 +114,7 @@ class PathMotion:
         """Configuration once segments are soft together; the wheels stand, and slip least."""
         facts, soft, after = bending(self._robot), list(soft_segments(mode)), q.copy()
         w = facts.coordinates(q[POSE:])
-        w[soft] = self._joint[mode].evened(w[soft])
+        w[soft] = evened(self._joint[mode], w[soft])
         after[POSE:] = facts.curvatures(w.tolist())
         after[:POSE] = dragged(self._robot, q, after[POSE:] - q[POSE:], np.zeros(WHEELS))
         return after

@@ -42,6 +42,7 @@ class Alone:
     timing: TransitionModel
     _durations: dict[tuple[Hashable, ModeSequence], list[float]] = field(default_factory=dict)
     _costs: dict[tuple[Hashable, Mode, ModeSequence], float] = field(default_factory=dict)
+    _at_once: dict[tuple[Mode, ModeSequence, Mode | None], float] = field(default_factory=dict)
     _priced: dict[tuple[Hashable, Mode], tuple[list[Priced], Iterator[Priced]]] = field(
         default_factory=dict
     )
@@ -103,9 +104,16 @@ class Alone:
                 return
             else:
                 for longer in stage.longer(head, begins):
-                    cost = self.from_warm(begins, longer, [0.0] * len(longer), settled)
+                    cost = self._moving_at_once(begins, longer, settled)
                     heapq.heappush(heads, (max(least, cost), False, next(numbers), longer))
         yield from (Priced(cost, sequence) for cost, _, sequence in sorted(wholes))
+
+    def _moving_at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode | None) -> float:
+        """Least that any stage adds with a sequence, as if nothing took time but the metal."""
+        key = begins, sequence, settled
+        if key not in self._at_once:
+            self._at_once[key] = self.from_warm(begins, sequence, [0.0] * len(sequence), settled)
+        return self._at_once[key]
 
     def from_warm(
         self,
