@@ -66,7 +66,11 @@ STUDIES: dict[str, Study] = {
         problems=("published-default",), level="hard", executors=("optimal",)
     ),
     "closed-loop-none": ClosedLoop(
-        problems=("published",), level="none", executors=("optimal",), plant="as-planned"
+        problems=("published",),
+        level="none",
+        executors=("optimal",),
+        plant="as-planned",
+        risk="nominal",
     ),
     "closed-loop-scenes": ClosedLoop(problems=("scenes-100:6",), executors=("optimal",)),
     "physics": ClosedLoop(

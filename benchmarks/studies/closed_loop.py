@@ -45,6 +45,7 @@ class ClosedLoop(Study):
         executors: What drives.
         path_models: What plans assume.
         plant: What robots are simulated by: exact arcs, or a rigid-body engine.
+        risk: What plans count with of joint bends that end elsewhere.
     """
 
     question: ClassVar = "Do plans reach their goals on robots that are not as described?"
@@ -56,6 +57,7 @@ class ClosedLoop(Study):
     executors: Executors = ("optimal", "greedy")
     path_models: PathModels = ("arc",)
     plant: Literal["arc", "as-planned", "mujoco"] = "arc"
+    risk: Literal["nominal", "mean"] = "mean"
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs; those that share a robot are neighbours."""
@@ -67,6 +69,8 @@ class ClosedLoop(Study):
         """Run one case; its ``Metrics``, plan, and last command."""
         problem = labelled(self.problems)[case.problem]
         problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
+        if problem.only_time:
+            problem = problem.with_values(risk=self.risk)
         drawn: dict[str, Any] = {"plant": self.plant, "disturbance": self.level, "seed": case.seed}
         try:
             done = simulate(problem, executor=case.executor, **drawn)
