@@ -72,9 +72,15 @@ STUDIES: dict[str, Study] = {
         plant="as-planned",
         risk="nominal",
     ),
-    "closed-loop-scenes": ClosedLoop(problems=("scenes-100:6",), executors=("optimal",)),
+    "closed-loop-scenes": ClosedLoop(
+        problems=("scenes-100:6",), executors=("optimal",), risk="nominal"
+    ),
     "physics": ClosedLoop(
-        problems=("published-default",), seeds=2, executors=("optimal",), plant="mujoco"
+        problems=("published-default",),
+        seeds=2,
+        executors=("optimal",),
+        plant="mujoco",
+        risk="nominal",
     ),
     "closed-loop-missions": ClosedLoopMissions(),
     "carried": Carried(),
