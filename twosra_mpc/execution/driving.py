@@ -198,7 +198,7 @@ class Driving:
         return q
 
     def _right_at_once(self, q: Array) -> float | None:
-        """By how much more than the mean of the goal the phase's end is bent [1/m].
+        """Mean bend at the phase's planned end, less that at the plan's end [1/m].
 
         None if not all soft segments can be right at once, or all have to be anyway.
         """

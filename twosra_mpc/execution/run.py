@@ -192,7 +192,7 @@ class Run(ArrayValue):
         return followed_in(problem, self._spans(problem.tasks), t_s, q, objects)
 
     def _spans(self, tasks: Sequence[Task]) -> Iterator[tuple[float, float]]:
-        """When tasks that were begun were, and when they were done, as the robot saw it."""
+        """Begin and end of each task as the robot saw it [s]; inf if it was not done."""
         told, since_s = iter([each for each in self.events if each.kind == "task"]), 0.0
         for task in tasks:
             own = (each.time_s for each in told if each.text.startswith(f"{task.called} is done"))

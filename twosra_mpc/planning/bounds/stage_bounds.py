@@ -147,7 +147,7 @@ class StageBounds:
 
     @cached_property
     def shapes(self) -> Shapes:
-        """In which it ends, as far as its goal tells."""
+        """Shapes in which it ends, as far as its goal tells."""
         ends = [(0.0, 0.0), *((low - _ROUNDING, high + _ROUNDING) for low, high in self.change)]
         return tuple(
             tuple(0.0 if i == j else a[1] - b[0] for j, b in enumerate(ends))

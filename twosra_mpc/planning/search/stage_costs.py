@@ -109,7 +109,7 @@ class Alone:
         yield from (Priced(cost, sequence) for cost, _, sequence in sorted(wholes))
 
     def _moving_at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode | None) -> float:
-        """Least that any stage adds with a sequence, as if nothing took time but the metal."""
+        """Lower bound on what any stage adds with a sequence: motion takes no time in it."""
         key = begins, sequence, settled
         if key not in self._at_once:
             self._at_once[key] = self.from_warm(begins, sequence, [0.0] * len(sequence), settled)

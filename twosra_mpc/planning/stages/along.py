@@ -195,7 +195,7 @@ def least_time_s(robot: Robot, kappa: Array, task: Follow, in_b0: Array) -> floa
 
 
 def _fastest(rows: Array, in_b0: Array) -> float:
-    """How much a twist t with rows @ t of at most 1 in size moves what follows, at most."""
+    """Top speed of what follows a path, of twists t with abs(rows @ t) of at most 1 [m/s]."""
     x, y = in_b0[:2].tolist()
     vertices = twist_vertices(rows)
     point = np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
