@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.contact.grip import PushingCone, caged, pushing_cone
+from twosra_mpc.contact.grip import PushingCone, caged, pull, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
@@ -37,6 +37,7 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _ALIKE = 6  # decimals of m and 1/m
+_EASILY = 1.1  # times the least pull: nobody knows what wheels can pull
 _STILL_M = 1e-12  # of an object in an interval
 
 
@@ -227,33 +228,50 @@ class Handling:
             self.refused[f"{said}: {refused[0]}"] = not at.placements
         least_s = max(stage.least_s, least_time_s(robot, kappa, task, in_b0))
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
-        met, slid, clear = dict[float, str](), dict[float, str](), False
-        for begin, why in zip(begins, refused, strict=True):
-            q = np.concatenate([begin, kappa])
-            for along in drives_along(robot, q, task, in_b0, room_m) if why is None else ():
-                if cone is not None and not cone.holds(along.twists).all():
-                    slid.update([_slides(cone, along, in_b0)])
-                    continue
-                if (slow := late(robot, task, along, in_b0)) is not None:
-                    self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
-                    continue
-                share, name = self._met(along.motion.states[0])
-                if name is not None:
-                    met[share] = name
-                    continue
-                clear = True
-                end, before = along.motion.end[None, :POSE], at.placements
-                own = replace(
-                    made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
-                )
-                if before:
-                    before = (*before[:-1], replace(before[-1], ends=begin[None]))
-                yield at._replace(placements=before).after(own)
+        drives = [
+            (begin, along)
+            for begin, why in zip(begins, refused, strict=True)
+            if why is None
+            for along in drives_along(robot, np.append(begin, kappa), task, in_b0, room_m)
+        ]
+        met, slid, most = dict[float, str](), dict[float, str](), math.inf
+        for pulled, (begin, along) in self._easily(hold, drives):
+            if pulled > most:
+                break
+            if cone is not None and not cone.holds(along.twists).all():
+                slid.update([_slides(cone, along, in_b0)])
+                continue
+            if (slow := late(robot, task, along, in_b0)) is not None:
+                self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
+                continue
+            share, name = self._met(along.motion.states[0])
+            if name is not None:
+                met[share] = name
+                continue
+            most = min(most, _EASILY * pulled)
+            end, before = along.motion.end[None, :POSE], at.placements
+            own = replace(
+                made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
+            )
+            if before:
+                before = (*before[:-1], replace(before[-1], ends=begin[None]))
+            yield at._replace(placements=before).after(own)
+        clear = most < math.inf
         if slid and not clear:
             self.refused[f"{said}: {task.object} {slid[max(slid)]}"] = False
         if met and not clear:
             where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
             self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
+
+    def _easily(
+        self, hold: Hold | None, drives: list[tuple[Array, Along]]
+    ) -> list[tuple[float, tuple[Array, Along]]]:
+        """Drives along a path in the order of how hard a wheel must pull, with that."""
+        if hold is None:
+            return [(0.0, each) for each in drives]
+        robot, thing = self.problem.robot, self.problem.objects[hold.number]
+        own = robot, hold.kappa, thing, hold.pose_in_b0
+        return sorted(((pull(*own, each[1].twists), each) for each in drives), key=lambda e: e[0])
 
     def _blocked(self, task: Follow) -> bool:
         """True if an obstacle covers some of a path, and all that is within its tolerance."""
