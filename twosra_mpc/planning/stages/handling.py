@@ -37,7 +37,6 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _ALIKE = 6  # decimals of m and 1/m
-_EASILY = 1.1  # times the least pull: nobody knows what wheels can pull
 _STILL_M = 1e-12  # of an object in an interval
 
 
@@ -234,10 +233,8 @@ class Handling:
             if why is None
             for along in drives_along(robot, np.append(begin, kappa), task, in_b0, room_m)
         ]
-        met, slid, most = dict[float, str](), dict[float, str](), math.inf
-        for pulled, (begin, along) in self._easily(hold, drives):
-            if pulled > most:
-                break
+        met, slid, clear = dict[float, str](), dict[float, str](), False
+        for begin, along in drives:
             if cone is not None and not cone.holds(along.twists).all():
                 slid.update([_slides(cone, along, in_b0)])
                 continue
@@ -248,30 +245,22 @@ class Handling:
             if name is not None:
                 met[share] = name
                 continue
-            most = min(most, _EASILY * pulled)
+            clear = True
             end, before = along.motion.end[None, :POSE], at.placements
             own = replace(
                 made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
             )
+            if hold is not None:
+                pulled = pull(robot, kappa, thing, hold.pose_in_b0, along.twists)
+                own = replace(own, pull=pulled)
             if before:
                 before = (*before[:-1], replace(before[-1], ends=begin[None]))
             yield at._replace(placements=before).after(own)
-        clear = most < math.inf
         if slid and not clear:
             self.refused[f"{said}: {task.object} {slid[max(slid)]}"] = False
         if met and not clear:
             where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
             self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
-
-    def _easily(
-        self, hold: Hold | None, drives: list[tuple[Array, Along]]
-    ) -> list[tuple[float, tuple[Array, Along]]]:
-        """Drives along a path in the order of how hard a wheel must pull, with that."""
-        if hold is None:
-            return [(0.0, each) for each in drives]
-        robot, thing = self.problem.robot, self.problem.objects[hold.number]
-        own = robot, hold.kappa, thing, hold.pose_in_b0
-        return sorted(((pull(*own, each[1].twists), each) for each in drives), key=lambda e: e[0])
 
     def _blocked(self, task: Follow) -> bool:
         """True if an obstacle covers some of a path, and all that is within its tolerance."""
