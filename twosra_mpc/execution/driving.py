@@ -82,11 +82,11 @@ class Driving:
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
 
-        So it is before a bend, where a task is done, and at the end.
+        So it is before a bend, where a task is done that is no path, and at the end.
         """
         phases = self.course.plan.phases
         if self.index == len(phases) - 1:
-            return False, True
+            return False, not self.mission.ends_on_path
         after = phases[self.index + 1]
         bends = self.mission.rests and self.rigid and not is_rigid(after.mode)
         return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)

@@ -114,9 +114,16 @@ class Mission:
         """True if the robot closes round an object: which decides what shape it can take."""
         return bool(self._left) and self._left[0].takes
 
+    @property
+    def ends_on_path(self) -> bool:
+        """True if the last task is a path: its end is as near as its tolerance says."""
+        return isinstance(self._left[-1] if self._left else None, Follow)
+
     def ends_between(self, first_s: float, last_s: float) -> bool:
-        """True if a task is done in a stretch of the plan."""
-        return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in self._ends)
+        """True if a task other than a path is done in a stretch of the plan."""
+        ends = zip(self._left, self._ends, strict=False)
+        others = (end_s for task, end_s in ends if not isinstance(task, Follow))
+        return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in others)
 
     def see(self) -> None:
         """Note where the robot is: boxes that are passed count by the path."""

@@ -38,6 +38,7 @@ from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, composed, wrapped
 from twosra_mpc.robot.description import Robot
 
 _SHARE = 0.2  # of the tolerance, by which the spline departs from the path; the rest is the run's
+_GENTLY = 0.7  # of the wheels' acceleration: the rest is the run's, else it comes past the end
 _LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
 _PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
 _TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
@@ -138,7 +139,7 @@ def _along(
     twist[:, 0] = c * slopes[:, 0] + s * slopes[:, 1] + slopes[:, 2] * y
     twist[:, 1] = c * slopes[:, 1] - s * slopes[:, 0] - slopes[:, 2] * x
     rows, wheels = drive_rows(robot, q[POSE:])
-    most = robot.limits.wheel_acceleration_rad_s2 or math.inf
+    most = _GENTLY * (robot.limits.wheel_acceleration_rad_s2 or math.inf)
     u, r = np.arange(len(poses)) / pieces, np.abs(twist @ rows.T).max(axis=1)
     turn = twist @ wheels.T
     due = due * [count / whole_m, 1.0]
