@@ -233,7 +233,9 @@ class Handling:
             if why is None
             for along in drives_along(robot, np.append(begin, kappa), task, in_b0, room_m)
         ]
-        met, slid, clear = dict[float, str](), dict[float, str](), False
+        met, slid, weak, clear = dict[float, str](), dict[float, str](), list[float](), False
+        physics = robot.true_physics
+        most = physics.pull_N(robot.geometry) / physics.drag_N if robot.physics else math.inf
         for begin, along in drives:
             if cone is not None and not cone.holds(along.twists).all():
                 slid.update([_slides(cone, along, in_b0)])
@@ -245,17 +247,24 @@ class Handling:
             if name is not None:
                 met[share] = name
                 continue
-            clear = True
             end, before = along.motion.end[None, :POSE], at.placements
             own = replace(
                 made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
             )
             if hold is not None:
                 pulled = pull(robot, kappa, thing, hold.pose_in_b0, along.twists)
+                if pulled > most:
+                    weak.append(pulled)
+                    continue
                 own = replace(own, pull=pulled)
             if before:
                 before = (*before[:-1], replace(before[-1], ends=begin[None]))
+            clear = True
             yield at._replace(placements=before).after(own)
+        if weak and not clear:
+            need_N, have_N = (each * physics.drag_N for each in (min(weak), most))
+            words = f"a wheel would pull with {need_N:z.2f} N, and it can with {have_N:z.2f} N"
+            self.refused[f"{said}: so that {task.object} slides {words}"] = False
         if slid and not clear:
             self.refused[f"{said}: {task.object} {slid[max(slid)]}"] = False
         if met and not clear:
