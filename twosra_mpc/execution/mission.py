@@ -33,6 +33,7 @@ from twosra_mpc.problem.tasks import (
     follows,
     grasps,
     passes,
+    put,
 )
 from twosra_mpc.problem.world import ACCURACY, Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation, wrapped
@@ -117,13 +118,16 @@ class Mission:
     @property
     def ends_on_path(self) -> bool:
         """True if the last task is a path: its end is as near as its tolerance says."""
-        return isinstance(self._left[-1] if self._left else None, Follow)
+        return any(map(self._leads, self._left[-1:]))
 
     def ends_between(self, first_s: float, last_s: float) -> bool:
         """True if a task other than a path is done in a stretch of the plan."""
         ends = zip(self._left, self._ends, strict=False)
-        others = (end_s for task, end_s in ends if not isinstance(task, Follow))
+        others = (end_s for task, end_s in ends if not self._leads(task))
         return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in others)
+
+    def _leads(self, task: Task) -> bool:
+        return task.stage(self.problem.modes).follows is not None
 
     def see(self) -> None:
         """Note where the robot is: boxes that are passed count by the path."""
@@ -381,8 +385,8 @@ class Mission:
         self._open_before_release()
         self.done_s.append(self.belief.now_s)
         where = ""
-        for carry in carries([task]).values():
-            self._goals[carry.object] = carry
+        for name, carry in put([task]).items():
+            self._goals[name] = carry
             where = f": {self._where(self._aimed(carry))}"
         self.belief.tell("task", f"{task.called} is done{where}")
         self._watch(task)
