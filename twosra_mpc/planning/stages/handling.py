@@ -313,7 +313,8 @@ class Handling:
         anywhere: list[GoalSet] = [Anywhere(mode=self.problem.robot.rigid)]
         opened = (self._opened(hold.kappa, share) for share in _OPEN)
         first, *others = opened if hold.caged else anywhere
-        made = Placement(stage, first, free.world(self.problem, stage.touches), drives_first=False)
+        around = free.world(self.problem, stage.touches)
+        made = Placement(stage, first, around, drives_first=not hold.caged)
         made = replace(made, reshapes=hold.caged, openings=tuple(others))
         yield free.after(replace(made, away=free.world(self.problem)))
 
