@@ -116,6 +116,11 @@ class Mission:
         return bool(self._left) and self._left[0].takes
 
     @property
+    def pulls(self) -> bool:
+        """True if what is held is led along a path."""
+        return self._hold is not None and any(map(self._leads, self._left[:1]))
+
+    @property
     def ends_on_path(self) -> bool:
         """True if the last task is a path: its end is as near as its tolerance says."""
         return any(map(self._leads, self._left[-1:]))
