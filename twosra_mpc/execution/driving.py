@@ -124,7 +124,7 @@ class Driving:
         return command
 
     def _slipping(self, pace: float) -> Array:
-        """What a robot that pulls something is farther off than seen, (3 + n,): as it keeps slipping.
+        """How much farther off than seen a robot is that pulls something, (3 + n,): it slips on.
 
         It is the integral of what it is off, in b0, as much as it is fast.
         """
