@@ -12,6 +12,7 @@ from collections import Counter
 
 import numpy as np
 
+from twosra_mpc.checking.followed import follower
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
@@ -310,13 +311,8 @@ class Mission:
 
     def _check_followed(self, task: Follow, at: str) -> None:
         """Check that what follows a path has come to its end."""
-        q, line = self.belief.q, task.line
-        pose = composed(q[:POSE], part_in_b0(self.problem.robot, q[POSE:], task.part))
-        if task.object is not None:
-            number = self._numbers[task.object]
-            pose = self.poses()[number]
-            if self.problem.objects[number].disc is not None:
-                pose[2] = q[2]
+        line, q = task.line, self.belief.q[None]
+        (pose,) = follower(self.problem, task, q, self.poses()[None])
         off_m = math.hypot(*(pose[:2] - line.points[-1]))
         off_rad = abs(math.remainder(float(pose[2] - line.headings[-1]), math.tau))
         if off_m > task.position_tolerance_m or off_rad > task.heading_tolerance_rad:

@@ -212,7 +212,7 @@ class Handling:
         robot, hold = self.problem.robot, at.hold
         kappa = self._shape_at(at)
         in_b0, room_m = part_in_b0(robot, kappa, task.part), 0.0
-        held, cone = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
+        cone = None if hold is None else self._in_hand(hold)[1]
         if task.object is not None:
             assert hold is not None, "checked with the problem"
             thing = self.problem.objects[hold.number]
@@ -248,16 +248,15 @@ class Handling:
             if name is not None:
                 met[share] = name
                 continue
-            end, before = along.motion.end[None, :POSE], at.placements
-            own = replace(
-                made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
-            )
+            before = at.placements
+            own = replace(made, ends=along.motion.end[None, :POSE], along=along)
             if hold is not None:
-                pulled = pull(robot, kappa, thing, hold.pose_in_b0, along.twists)
+                held = self.problem.objects[hold.number]
+                pulled = pull(robot, kappa, held, hold.pose_in_b0, along.twists)
                 if pulled > most:
                     weak.append(pulled)
                     continue
-                own = replace(own, pull=pulled)
+                own = replace(self.holding(own, hold), pull=pulled)
             if before:
                 before = (*before[:-1], replace(before[-1], ends=begin[None]))
             clear = True
