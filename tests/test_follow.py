@@ -182,7 +182,7 @@ def test_a_path_that_begins_elsewhere_says_what_to_do_before(off_mm: float, stat
 def test_an_object_is_led_no_nearer_than_its_cage_has_room() -> None:
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (39.0, 39.0), "holding": "cup"}
     cup = {"name": "cup", "pose": {"x_m": 0.0, "y_m": 0.0342}, "disc": {"radius_m": 0.0275}}
-    task = {"do": "follow", "object": "cup", "path": [[0.0, 0.0342], [0.3, 0.1]]}
+    task: Any = {"do": "follow", "object": "cup", "path": [[0.0, 0.0342], [0.3, 0.1]]}
     given: Any = {"robot": ROBOT, "start": start, "objects": [cup], "gap": 0.2}
     found = plan(Problem(**given, tasks=[task | {"position_tolerance_m": 0.003}]))
     assert found.status is Status.INFEASIBLE
