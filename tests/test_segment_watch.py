@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -133,12 +134,14 @@ def test_a_digital_sensor_without_noise_stands_still_while_metal_freezes() -> No
 
 def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:
     problem = load_problem("rigid-move", robot=ROBOT.name)
-    robot = SimulatedRobot(problem, "arc", LEVELS["moderate"])
+    slow = replace(LEVELS["moderate"], unit_s=0.05)
+    robot = SimulatedRobot(problem, "arc", slow)
     robot.send(np.ones(4), np.full(2, SOFT_C))
     before = robot.q.copy()
-    while robot.think(problem) is None:
+    while (made := robot.think(problem)) is None:
         robot.wait(0.1)
-    assert robot.time_s == pytest.approx(LEVELS["moderate"].planning_s, abs=0.2)
+    assert made.stats.work is not None
+    assert robot.time_s == pytest.approx(slow.unit_s * made.stats.work, abs=0.2)
     assert np.abs(robot.q - before).max() > 1e-3  # the last command was in force
     assert robot.segments[0].temperature_C > 26.0
 

@@ -146,7 +146,7 @@ class Driving:
         before, self._before = self._before, self._off()
         self._looks += 1
         doubtful = self._before + self._uncertain() > ACCEPTED
-        tries = self._before <= self.patience.nearer * before
+        tries = self._before <= self.patience.nearer * before and (doubtful or not self.rigid)
         tries |= doubtful and self._looks <= self.patience.tries
         if tries and self._near_enough() < self._before:
             self._left_s, self._best = self._nearer_s, math.inf

@@ -128,7 +128,8 @@ class Following(PlanPolicy):
         """Drive a phase; after the last, look where the robot has come to."""
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
-            return look_at_robot(belief, self._at_the_end)
+            surely = belief.accuracy.surely(np.abs(belief.error) + 2 * belief.deviation)
+            return self._at_the_end() if surely else look_at_robot(belief, self._at_the_end)
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self.driving = Driving(self, index)

@@ -54,7 +54,7 @@ class Replanning:
         self._run, self._belief = run, run.belief
         self._until_s = run.belief.now_s + (run.melt_on_s() if melting_on else 0.0)
         self._cooled = set(range(len(run.belief.setpoint_C)) if cooling else ())
-        self._told = self._resting = False
+        self._told, self._resting = run.belief.stands, False
         self._left: Problem | None = None  # what is being planned
         run.driving = None
 
@@ -94,7 +94,7 @@ class Replanning:
         except InputError as error:
             return self._failed(str(error))
         if result is None:
-            return rest(belief, self._as_they_become(), run.patience.rest_s)
+            return rest(belief, self._as_they_become(), belief.camera.period_s)
         if result.plan is None or not result.found:  # a plan that does not verify is none
             return self._failed(result.message)
         return run.adopt(result.plan)

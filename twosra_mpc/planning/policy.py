@@ -38,7 +38,11 @@ RELYING = Sequences(relies)
 RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) is None)
 
 
-def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
+def plan_policy(
+    problem: Problem,
+    on_progress: Callable[[Progress], None] | None = None,
+    worth_s: float = 0.0,
+) -> Result:
     """Plan with recourse: the best by ``problem.risk`` of three plans, with its policy.
 
     One is the plan of a robot whose joint bends end where they are planned. The others rely on
@@ -47,12 +51,17 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
     Args:
         problem: The problem.
         on_progress: Called as the first search proceeds.
+        worth_s: What is better by no more than that is not looked for; nor, unless it is 0, are
+            bounds of the cost of policies.
     """
-    first = searched(problem, on_progress=on_progress)
+    first = searched(problem, on_progress=on_progress, worth_s=worth_s)
     if first.plan is None or not first.found or first.ending is Ending.INTERRUPTED:
         return first
     try:
-        made, policy = _best(first.plan)
+        made, policy = _best(first.plan, worth_s)
+        if not worth_s:
+            bounds = least_costs_s(problem, problem.robot.joint_bends, policy.cost_s)
+            policy = policy._replace(lower_bound=bounds[0], known_bound=bounds[1])
     except KeyboardInterrupt:
         return replace(first, ending=Ending.INTERRUPTED)
     except OutOfEffortError:
@@ -65,31 +74,32 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
     return replace(first, plan=made, status=made.status, words=words, policy=policy, stats=stats)
 
 
-def _best(plan: Plan) -> tuple[Plan, Policy]:
+def _best(plan: Plan, worth_s: float) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
     problem, made = plan.problem, plan
     bends = problem.robot.joint_bends
     policy = _policy(plan, bends)
     for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
-        if (other := _found(problem, excluded)) is None:
+        if (other := _found(problem, excluded, worth_s)) is None:
             break
         surer = _policy(other, bends)
         if surer.cost_s < policy.cost_s:
             made, policy = replace(other, lower_bound=plan.lower_bound), surer
         if bent_before(other.sequence) is not None:  # the next would be the same
             break
-    least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
-    return made, policy._replace(lower_bound=least_s, known_bound=known_s)
+    return made, policy
 
 
-def _found(problem: Problem, excluded: Container[ModeSequence]) -> Plan | None:
+def _found(
+    problem: Problem, excluded: Container[ModeSequence], worth_s: float = 0.0
+) -> Plan | None:
     """The best plan, if any is found.
 
     Raises:
         KeyboardInterrupt: At Ctrl-C.
         OutOfEffortError: If there is no effort left to look for one.
     """
-    found = searched(problem, excluded=excluded)
+    found = searched(problem, excluded=excluded, worth_s=worth_s)
     if found.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     if found.stopped_early and not found.found:
