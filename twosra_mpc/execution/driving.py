@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
+_COUNTED = 0.2  # of the fastest wheel: in a bend slower ones make no difference
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
 _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
@@ -37,24 +38,30 @@ class Pulses:
 
     def __init__(self, dead_zone_rad_s: float) -> None:
         """Start with nothing left over from before."""
-        self._least, self._owed = _ABOVE * dead_zone_rad_s, 0.0
+        self._dead, self._least, self._owed = dead_zone_rad_s, _ABOVE * dead_zone_rad_s, 0.0
 
-    def shape(self, wheel_rad_s: Array) -> Array:
+    def shape(self, wheel_rad_s: Array, counted: float = 1.0) -> Array:
         """Return what to send for a command of the wheels (4,) in this period, as on average."""
-        fastest = float(np.abs(wheel_rad_s).max())
-        if fastest >= self._least or fastest == 0.0:
-            self._owed = 0.0
-            return wheel_rad_s
-        self._owed += fastest / self._least
+        faster = self._faster(wheel_rad_s, counted)
+        self._owed = self._owed + 1 / faster if faster > 1.0 else 1.0
         if self._owed < 1.0:
             return still()
         self._owed -= 1.0
-        return wheel_rad_s * (self._least / fastest)
+        return self._turning(faster * wheel_rad_s)
 
-    def brisk(self, wheel_rad_s: Array) -> Array:
+    def brisk(self, wheel_rad_s: Array, counted: float = 1.0) -> Array:
         """Return a command of the wheels (4,) at the speed at which they surely turn, at least."""
-        fastest = float(np.abs(wheel_rad_s).max())
-        return wheel_rad_s * max(1.0, self._least / fastest) if fastest else wheel_rad_s
+        return self._turning(self._faster(wheel_rad_s, counted) * wheel_rad_s)
+
+    def _faster(self, wheel_rad_s: Array, counted: float) -> float:
+        """Factor of speed with which all wheels turn that have this share of the fastest's."""
+        speeds = np.abs(wheel_rad_s)
+        slowest = float(speeds[speeds >= counted * speeds.max()].min())
+        return max(1.0, self._least / slowest) if slowest else 1.0
+
+    def _turning(self, wheel_rad_s: Array) -> Array:
+        """A command as the wheels (4,) carry it out: those in the dead zone stand."""
+        return np.where(np.abs(wheel_rad_s) < self._dead, 0.0, wheel_rad_s)
 
 
 class Driving:
@@ -113,7 +120,8 @@ class Driving:
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
         soft_for_s = course.soft_for_s + (np.inf if self._looks else 0.0)  # again: for how long?
-        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, soft_for_s)
+        turned = shape(wheels, 1.0 if self.rigid else _COUNTED)
+        command = Command(run.setpoint_C, period_s, turned, mode, planned, soft_for_s)
         if not over:
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s
