@@ -154,9 +154,8 @@ class Driving:
         before, self._before = self._before, self._off()
         self._looks += 1
         doubtful = self._before + self._uncertain() > ACCEPTED
-        tries = self._before <= self.patience.nearer * before and (doubtful or not self.rigid)
-        tries |= doubtful and self._looks <= self.patience.tries
-        if tries and self._near_enough() < self._before:
+        nearer = self._before <= self.patience.nearer * before
+        if doubtful and (nearer or self._looks <= self.patience.tries):
             self._left_s, self._best = self._nearer_s, math.inf
             return self
         return self._judged_pose() if self.rigid else self._judged_bends()
