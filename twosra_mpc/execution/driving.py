@@ -30,6 +30,7 @@ _COUNTED = 0.2  # of the fastest wheel: in a bend slower ones make no difference
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
 _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
+_ROUNDING = 1e-9  # [1/m^2]
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
 
@@ -258,7 +259,9 @@ class Driving:
             raise AstrayError(f"the robot is {away_mm} and {abs(turn):z.2f} rad from the plan")
         if not soft or self.closes:  # what it closes round may bend them apart
             return
-        apart = float(np.ptp(away[POSE:][soft])) / 2
+        kappa, uneven = belief.q[POSE:][soft], (planned[POSE:] - planned[POSE:][soft].mean())[soft]
+        left = np.clip((kappa - kappa.mean()) @ uneven / max(uneven @ uneven, _ROUNDING), 0.0, 1.0)
+        apart = float(np.ptp(kappa - left * uneven)) / 2  # more than bends that have evened out
         bent = (belief.q - self.begun)[POSE:][soft]
         if apart > max(patience.stiff_per_m, _STIFF * abs(float(bent.mean()))):
             text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
