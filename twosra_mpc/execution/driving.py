@@ -83,7 +83,7 @@ class Driving:
         self.begun = self.belief.q.copy()
         if self.belief.guard is not None:
             self.belief.guard.begin(self.begun)
-        self._before, self._best, self._looks = math.inf, math.inf, 0
+        self._best, self._looks = math.inf, 0
         self._nearer_s = _FELT_S if self.closes else self.patience.come_nearer_s
         self._left_s = self._nearer_s  # of driving: looks do not count
 
@@ -152,11 +152,9 @@ class Driving:
         return self._looked()
 
     def _looked(self) -> Next:
-        before, self._before = self._before, self._off()
         self._looks += 1
-        doubtful = self._before + self._uncertain() > ACCEPTED
-        nearer = self._before <= self.patience.nearer * before
-        if doubtful and (nearer or self._looks <= self.patience.tries):
+        doubtful = self._off() + self._uncertain() > ACCEPTED
+        if doubtful and self._looks <= self.patience.tries:
             self._left_s, self._best = self._nearer_s, math.inf
             return self
         return self._judged_pose() if self.rigid else self._judged_bends()

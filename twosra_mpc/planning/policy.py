@@ -40,9 +40,7 @@ RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) i
 
 
 def plan_policy(
-    problem: Problem,
-    on_progress: Callable[[Progress], None] | None = None,
-    worth_s: float = 0.0,
+    problem: Problem, on_progress: Callable[[Progress], None] | None = None, worth_s: float = 0.0
 ) -> Result:
     """Plan with recourse: the best by ``problem.risk`` of three plans, with its policy.
 
@@ -79,7 +77,7 @@ def _best(plan: Plan, worth_s: float) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
     plans, problem, least_s = [plan], plan.problem, math.inf
     bends = problem.robot.joint_bends
-    for excluded in (RELYING, RELYING_OR_ALONE) if any(_surprises(plan, bends)) else ():
+    for excluded in (RELYING, RELYING_OR_ALONE) * any(surprise(plan, each) for each in bends):
         if (other := _found(problem, excluded, worth_s)) is None:
             break
         plans.append(replace(other, lower_bound=plan.lower_bound))
@@ -117,7 +115,8 @@ def _policy(plan: Plan, bends: Sequence[JointBend], most_s: float, worth_s: floa
     None as soon as it is known to cost more than ``most_s``.
     """
     share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
-    found, surprises = dict[tuple[int, ModeSequence], list[_Outcome]](), _surprises(plan, bends)
+    found = dict[tuple[int, ModeSequence], list[tuple[JointBend, float, float]]]()
+    surprises = [surprise(plan, bend) for bend in bends]
     costs = [planned_s if new is None else _least_s(plan, new.phase) for new in surprises]
     for k, (bend, new) in enumerate(zip(bends, surprises, strict=True)):
         if new is not None:
@@ -126,25 +125,17 @@ def _policy(plan: Plan, bends: Sequence[JointBend], most_s: float, worth_s: floa
             costs[k] = plan.known_end_s(new.phase) + rest_s
             if costs[k] < planned_s or not new.right:
                 same = found.setdefault((new.phase + 1, () if rest is None else rest.sequence), [])
-                same.append(_Outcome(bend, new.off_per_m, costs[k]))
+                same.append((bend, new.off_per_m, costs[k]))
             else:
                 costs[k] = planned_s
         if (cost_s := priced(((share, each) for each in costs), risk)) > most_s:
             return None
     branches = []
     for (phase, modes), same in sorted(found.items()):
-        when = _how([each.bend for each in same])
-        off, mean_s = min(each.off_per_m for each in same), np.mean([each.cost_s for each in same])
-        branches.append(Branch(share * len(same), phase, when, off, modes, float(mean_s)))
+        own, off_per_m, each_s = zip(*same, strict=True)
+        shown = _how(own), min(off_per_m), modes, float(np.mean(each_s))
+        branches.append(Branch(share * len(same), phase, *shown))
     return Policy(risk, cost_s, planned_s, tuple(branches))
-
-
-class _Outcome(NamedTuple):
-    """A joint bend that surprises: how far it is off [1/m], and what all costs then [s]."""
-
-    bend: JointBend
-    off_per_m: float
-    cost_s: float
 
 
 def _how(bends: Sequence[JointBend]) -> str:
@@ -215,20 +206,14 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
     return None
 
 
-def _surprises(plan: Plan, bends: Sequence[JointBend]) -> list[Surprise | None]:
-    """What each joint bend surprises with."""
-    return [surprise(plan, bend) for bend in bends]
-
-
 def _least_s(plan: Plan, phase: int) -> float:
     """Least time of a run in which the rest is planned again after a phase.
 
     What is soft has to freeze, also where nothing was to melt any more.
     """
     later = plan.phases[phase + 1 :]
-    if any(any(each.mode) for each in later):
-        return plan.known_end_s(phase)
-    return _known_s(plan) - sum(each.end_s - each.start_s for each in later)
+    frozen_s = _known_s(plan) - sum(each.end_s - each.start_s for each in later)
+    return plan.known_end_s(phase) if any(any(each.mode) for each in later) else frozen_s
 
 
 def _rest(plan: Plan, phase: int, kappa: Array, worth_s: float) -> Plan | None:
