@@ -445,8 +445,7 @@ def test_pulses_are_worth_the_command_on_average_and_wheels_turn_as_told(counted
     turned = np.where(np.abs(slow) >= counted * 0.05, slow, 0.0)
     assert sent.mean(axis=0) == pytest.approx(turned, rel=0.02, abs=1e-12)
     assert set(np.abs(sent)[:, turned != 0].min(axis=1).round(9)) == {0.0, 0.3}
-    fast = np.array([1.0, 0.0, -0.5, 0.1])
-    assert pulses.shape(fast).tolist() == [1.0, 0.0, -0.5, 0.0]
+    assert pulses.shape(np.array([1.0, 0.0, -0.5, 0.1])).tolist() == [1.0, 0.0, -0.5, 0.0]
     assert (Pulses(0.0).shape(slow) == slow).all()
 
 

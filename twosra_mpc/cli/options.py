@@ -160,13 +160,10 @@ def scenario_options(*without: str) -> Decorator:
 
 
 def _load(
-    scenario: str,
-    path_model: str | None = None,
-    exact: bool = False,
-    to_run: bool = False,
-    **overrides: Any,
+    scenario: str, path_model: str | None = None, exact: bool = False, **overrides: Any
 ) -> Problem:
     """Load a scenario; to be run it counts with uncertain times, where it does not say whether."""
+    to_run = overrides.pop("to_run", False)
     problem = load_problem(scenario, **overrides)
     uncertain = problem.only_time and problem.robot.uncertainty is not None
     if to_run and uncertain and "risk" not in problem.model_fields_set:

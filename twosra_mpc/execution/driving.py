@@ -48,21 +48,18 @@ class Pulses:
         if self._owed < 1.0:
             return still()
         self._owed -= 1.0
-        return self._turning(faster * wheel_rad_s)
+        return self.brisk(wheel_rad_s, counted)
 
     def brisk(self, wheel_rad_s: Array, counted: float = 1.0) -> Array:
-        """Return a command of the wheels (4,) at the speed at which they surely turn, at least."""
-        return self._turning(self._faster(wheel_rad_s, counted) * wheel_rad_s)
+        """Return a command of the wheels (4,) at which they surely turn; slow ones are to stand."""
+        turned = self._faster(wheel_rad_s, counted) * wheel_rad_s
+        return np.where(np.abs(turned) < self._dead, 0.0, turned)
 
     def _faster(self, wheel_rad_s: Array, counted: float) -> float:
         """Factor of speed with which all wheels turn that have this share of the fastest's."""
         speeds = np.abs(wheel_rad_s)
         slowest = float(speeds[speeds >= counted * speeds.max()].min())
         return max(1.0, self._least / slowest) if slowest else 1.0
-
-    def _turning(self, wheel_rad_s: Array) -> Array:
-        """A command as the wheels (4,) carry it out: those in the dead zone stand."""
-        return np.where(np.abs(wheel_rad_s) < self._dead, 0.0, wheel_rad_s)
 
 
 class Driving:
@@ -108,7 +105,7 @@ class Driving:
         planned, off, over = course.planned, self._off(), course.clock_s >= self.phase.end_s
         if (over and off <= self._near_enough()) or self._left_s <= 0.0:
             return self.ended()
-        self._keep_within(planned)
+        self._keep_within()
         self.mission.check_held()
         time_s = course.clock_s + (belief.camera.period_s if over else 0.0)  # then the path rests
         slower = 1.0
@@ -160,9 +157,7 @@ class Driving:
         return self._judged_pose() if self.rigid else self._judged_bends()
 
     def _judged_pose(self) -> Next:
-        away = self.belief.q - self.course.planned
-        away[2] = math.remainder(float(away[2]), math.tau)
-        if self.bends and self.belief.accuracy.of_pose(away) > 1.0:
+        if self.bends and self.belief.accuracy.of_pose(self.course.away) > 1.0:
             raise AstrayError("the robot is not where it is to bend")
         return self.run.phase_done(self.index)
 
@@ -244,20 +239,21 @@ class Driving:
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
 
-    def _keep_within(self, planned: Array) -> None:
+    def _keep_within(self) -> None:
         """Leave the plan where the robot has left its corridor, or soft segments bend apart."""
         belief, patience = self.belief, self.patience
-        away, soft = belief.q - planned, self.soft
-        turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
+        away, soft = self.course.away, self.soft
+        turn, far_m = float(away[2]), math.hypot(away[0], away[1])
         lost = far_m > patience.corridor_m or abs(turn) > patience.corridor_rad
         if self.rigid and belief.guard is not None:
-            lost = belief.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
+            lost = belief.guard.off_m(away) > patience.narrow_m
         if lost:
             away_mm = f"{1e3 * far_m:z.0f} mm"
             raise AstrayError(f"the robot is {away_mm} and {abs(turn):z.2f} rad from the plan")
         if not soft or self.closes:  # what it closes round may bend them apart
             return
-        kappa, uneven = belief.q[POSE:][soft], (planned[POSE:] - planned[POSE:][soft].mean())[soft]
+        kappa, asked = belief.q[POSE:][soft], self.course.planned[POSE:][soft]
+        uneven = asked - asked.mean()
         left = np.clip((kappa - kappa.mean()) @ uneven / max(uneven @ uneven, _ROUNDING), 0.0, 1.0)
         apart = float(np.ptp(kappa - left * uneven)) / 2  # more than bends that have evened out
         bent = (belief.q - self.begun)[POSE:][soft]
