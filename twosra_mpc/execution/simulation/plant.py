@@ -311,7 +311,8 @@ class SimulatedRobot:
     def think(self, problem: Problem) -> Result | None:
         """Plan while time passes for the robot; None as long as the disturbance says it takes."""
         if self._thought is None:
-            self._thought = plan_again(problem), self.time_s + self._disturbance.planning_s
+            made = plan_again(problem)
+            self._thought = made, self.time_s + self._disturbance.unit_s * (made.stats.work or 0.0)
         result, end_s = self._thought
         if end_s - self.time_s > _INSTANT_S:
             return None
