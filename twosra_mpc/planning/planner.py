@@ -289,7 +289,7 @@ def _search(
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         incumbent=lambda: _drive(tree, problem.gap) if solver.in_the_way is None else (),
-        look=lambda: None if alone else _look(aimed),
+        look=lambda: _look(aimed, alone),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=confirm or _confirmed,
         worth=worth_s,
@@ -328,16 +328,24 @@ def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | No
             return
 
 
-def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
-    """The best of a few promising sequences of all stages; short stages first."""
-    few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
+def _look(tree: Tree[Solved], alone: bool) -> tuple[float, Solved] | None:
+    """The best of a few promising sequences of all stages; short stages first.
+
+    Where there is but one stage, each is tried once, and once more with what one of them, tried
+    again, tells of detours.
+    """
 
     def short(node: Node) -> list[Node]:
         leaps = tree.leaps(node)
         return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
-    found = dive(tree, short, **few, out_of_time=out_of_effort)
-    return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
+    few = [(_LEAVES, 1), (1, 2), (_LEAVES, 1)] if alone else [(_LEAVES, _TRIES)]
+    for children in (tree.leaps,) if alone else (short, tree.leaps):
+        for attempts, tries in few:
+            most = {"width": _WIDTH, "attempts": attempts, "tries": tries}
+            if found := dive(tree, children, **most, out_of_time=out_of_effort):
+                return found
+    return None
 
 
 def _rest(variants: Sequence[Variant]) -> Result | None:

@@ -202,10 +202,11 @@ def dive(
             break
         level = sorted(found, key=lambda each: each[:2])
         nodes = [node for *_, node in level[:width]]
-    for _, _, leaf in level[:attempts]:
-        if out_of_time():
+    for _, _, leaf in level:
+        if out_of_time() or not attempts:
             return None
         if (bound := tree.leaf_bound(leaf)) < math.inf:
+            attempts -= 1
             several = itertools.islice(tree.solve(leaf), tries)
             solved = next((each for each in several if each is not None), None)
             if solved is not None:

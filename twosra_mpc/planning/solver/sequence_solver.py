@@ -162,20 +162,33 @@ class GoalSolver:
         if first is not None and first[0] - bound.cost < self._least_s:
             return
         drives = not any(map(any, network.sequence))  # all there is to do is to drive
-        turned = None
+        for made in () if drives else turning(first, partial(self._turned, first, network)):
+            self.iterations += made[1].candidate.iterations
+            yield made
+        quick = None
         ends = guess.states[0, 0], guess.end
-        turning = turning_drives(problem.robot, problem.goal, *ends) if drives else ()
-        for motion, count in turning:
+        for motion, count in turning_drives(problem.robot, problem.goal, *ends) if drives else ():
             candidate = timed(motion, network, problem, count)
             self.iterations += count
             made = checked(self._asked, candidate, network)
-            turned = made or turned
+            quick = made or quick
             if not (made and first and first[0] * (1 - problem.gap) <= made[0]):
                 yield made  # else the screw, which is simpler, is as good as is asked
-        if turned is None and not out_of_effort():
+        if quick is None and not out_of_effort():
             candidate = solve(guess, network, problem)
             self.iterations += candidate.iterations if candidate else 0
             yield checked(self._asked, candidate, network)
+
+    def _turned(
+        self,
+        first: tuple[float, Solved],
+        network: TemporalNetwork,
+        turns: Collection[int],
+        most: int,
+    ) -> Candidate | None:
+        motion, goal = first[1].candidate.motion, self.problem.goal
+        motion, count = turned(motion, goal, turns, most, lambda *_: True)
+        return timed(motion, network, self.problem, count)
 
     def _cheapest_guess(
         self, network: TemporalNetwork, bound: SequenceBound
