@@ -257,6 +257,11 @@ class Bending:
         )
         return least, most
 
+    @property
+    def unit_ramp_s(self) -> float:
+        """Least time in which a locomotion unit gets from rest to full speed [s]; 0: not known."""
+        return _unit_ramp_s(self.body)
+
     def largest_speed_m_s(self, mode: Mode) -> float:
         """Upper bound of the speed of b0 in a soft mode, both locomotion units at full speed."""
         return _largest_speed(self.body, mode)

@@ -295,6 +295,7 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
     low, high = np.where(given, [low, high], 0.0)
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     reach = np.where(given, (high - low) / 2, math.inf)
+    facts, most = bending(problem.robot), problem.robot.limits.wheel_acceleration_rad_s2
     return PoseTask(
         heading=float(start[2]),
         shift=(low + high)[:2] / 2,
@@ -303,7 +304,8 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
         turn_reach=min(float(reach[2]), math.pi),
         known_s=_known_s(guess),
         speed_rows=partial(rigid_rows_between, problem.robot),
-        soft_motions=bending(problem.robot).motions_between,
+        ramps_s=(WHEEL_SPEED.most(problem.robot) / (most or math.inf), facts.unit_ramp_s),
+        soft_motions=facts.motions_between,
     )
 
 

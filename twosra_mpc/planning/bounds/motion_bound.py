@@ -64,7 +64,11 @@ def least_motion_s(task: BendingTask, modes: Sequence[Mode]) -> float:
     everything = phases[0]._replace(motions=motions, slack=np.zeros_like(slack), piece=piece)
     layout = EventLayout(1, _TWO)
     cost = np.eye(layout.count)[layout.finish]
-    program = PoseProgram(task.pose, [everything], layout, layout.phase_order(), cost, _CUTS)
+    given = task.pose, [everything], layout, layout.phase_order(), cost
+    return min(_least_s(PoseProgram(*given, side, _CUTS), task, modes) for side in task.pose.sides)
+
+
+def _least_s(program: PoseProgram, task: BendingTask, modes: Sequence[Mode]) -> float:
     best, least_s = None, 0.0
     for _ in range(_ROUNDS):
         if (x := program.solve()) is None:

@@ -52,10 +52,14 @@ _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-
 
 
 class PoseConstraint(NamedTuple):
-    """sum of rates[i] (duration of phase i) >= need for every plan of the sequence [s]."""
+    """sum of rates[i] (duration of phase i, at full speed) >= need for every plan [s].
+
+    Speed grows from rest to where S grows by rates[i] in ``ramps``[i] at least [s], and so ends.
+    """
 
     rates: Array
     need: float
+    ramps: Array
 
 
 def best_constraint(
@@ -78,21 +82,23 @@ def best_constraint(
         bound_with: Lower bound under a further constraint; -inf if that is not known.
         enough: A bound that need not be exceeded.
     """
-    program = PoseProgram(task, phases, layout, least, cost)
-    best = -math.inf
-    for _ in range(_ROUNDS):
-        x = program.solve()
-        if x is None:
-            break
-        constraint, violated = program.read(x)
-        best = max(best, bound_with(constraint))
-        if best >= enough or not violated:
-            break
-    return best
+    for side in task.sides:
+        program = PoseProgram(task, phases, layout, least, cost, side)
+        best = -math.inf
+        for _ in range(_ROUNDS):
+            x = program.solve()
+            if x is None:
+                break
+            constraint, violated = program.read(x)
+            best = max(best, bound_with(constraint))
+            if best >= enough or not violated:
+                break
+        enough = min(enough, best)
+    return enough
 
 
 class PoseProgram:
-    """The linear program for p, C, B, g, e, y, the least C_n at the goal and the sizes of p.
+    """The linear program for p, C, B, g, e, y, the least C_n at the goal, the sizes of p, and a.
 
     Columns are in this order.
     """
@@ -104,9 +110,10 @@ class PoseProgram:
         layout: EventLayout,
         least: dict[tuple[int, int], float],
         cost: Array,
+        side: tuple[float, float],
         cuts: int = _CUTS,
     ) -> None:
-        self.cuts = cuts
+        self.cuts, self.side = cuts, side
         turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
         edges = sorted({*np.round(turns, _GRID)})  # np.unique loads masked arrays, for 10 ms
         self.edges = math.tau * np.array(edges)  # of the panels, from the start's
@@ -127,7 +134,8 @@ class PoseProgram:
         self.e = self.g + n
         self.y = self.e + n - 1
         self.m = self.y + len(least)
-        self.width = self.m + 3
+        self.a = self.m + 3
+        self.width = self.a + 1
         self.gain = self._gain(list(least.values()))
         self.bounds = self._bounds(task)
         self.cost = cost[: layout.origin]
@@ -161,7 +169,8 @@ class PoseProgram:
         gain[self.e : self.y] = -1.0
         gain[self.y : self.m] = least
         gain[self.m] = 1.0
-        gain[self.m + 1 :] = -np.where(self.given, self.task.reach, 0.0)
+        gain[self.m + 1 : self.a] = -np.where(self.given, self.task.reach, 0.0)
+        gain[self.a] = self.side[1]
         return gain
 
     def _bounds(self, task: PoseTask) -> Array:
@@ -178,6 +187,7 @@ class PoseProgram:
             bounds[self.b[i] : self.b[i + 1]] = -steepest, steepest
         bounds[self.b[0] : self.g][~self.settled] = 0.0
         bounds[self.g : self.e, 0] = bounds[self.y : self.m, 0] = 0.0
+        bounds[self.a] = np.sort([0.0, self.side[0] * most])
         return bounds
 
     def _balance(self, layout: EventLayout, least: dict[tuple[int, int], float]) -> Rows:
@@ -207,7 +217,7 @@ class PoseProgram:
         rows[:-4, self.c[-1] : self.c[-1] + self.panels] = -self.goal
         rows[:-4, self.m] = 1.0
         rows[-4:, :2] = np.vstack([np.eye(2), -np.eye(2)])
-        rows[-4:, self.m + 1 :] = -np.vstack([np.eye(2), np.eye(2)])
+        rows[-4:, self.m + 1 : self.a] = -np.vstack([np.eye(2), np.eye(2)])
         return Rows.of(rows)
 
     def _add(self, i: int, motion: Indices, panel: Indices, point: Indices) -> None:
@@ -217,7 +227,7 @@ class PoseProgram:
         c, s = self.cos[panel, point], self.sin[panel, point]
         steep = r / self.widths[panel]
         pieces = phase.piece[motion].T
-        values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count)]
+        values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count), r]
         values += [bending] * len(pieces)
         columns = [
             np.zeros(count, dtype=np.intp),
@@ -225,6 +235,7 @@ class PoseProgram:
             self.c[i] + (panel + 1) % self.panels,
             self.c[i] + panel,
             np.full(count, self.g + i),
+            np.full(count, self.a),
             *(self.b[i] + pieces),
         ]
         row, column = np.tile(np.arange(count), len(columns)), np.concatenate(columns)
@@ -246,22 +257,29 @@ class PoseProgram:
         n, p = len(self.phases), x[:2] * self.given
         levels = x[2 : self.b[0]].reshape(n, self.panels)
         steps = np.diff(levels, axis=0).max(axis=1)
-        rates, violated = np.zeros(n), False
+        rates, ramps, violated = np.zeros(n), np.zeros(n), False
         for i, phase in enumerate(self.phases):
-            growth, loose = self.growth(phase, p, *self.slopes(x, i))
+            slopes = self.slopes(x, i)
+            growth, loose = self.growth(phase, p, *slopes)
             rates[i] = max(0.0, float((growth.max(axis=2) + loose).max()))
+            none = np.zeros((len(phase.gains), 1), dtype=np.intp)
+            begun = phase._replace(motions=phase.gains, slack=np.zeros_like(phase.gains), piece=none)
+            faster = float(self.growth(begun, p, *slopes)[0].max(initial=0.0))
+            ramps[i] = rates[i] / faster if faster else phase.ramp_s
             violated |= self._cut(i, growth - x[self.g + i])
         bent = self.gain[self.b[0] : self.g] * x[self.b[0] : self.g] * self.settled
         parts = [p * self.task.shift, (self.goal @ levels[-1]).min(), -levels[0, 0], bent, -steps]
-        parts.append(-np.where(self.given, self.task.reach, 0.0) * np.abs(p))
+        parts += [-np.where(self.given, self.task.reach, 0.0) * np.abs(p), x[self.a] * self.side[1]]
         gain, size = (sum(float(np.sum(f(part))) for part in parts) for f in (np.array, np.abs))
-        return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
+        proved = PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size, ramps)
+        return proved, violated
 
     def slopes(self, x: Array, i: int) -> tuple[Array, Array]:
-        """C' in every panel and B' in every piece of a phase."""
+        """a + C' in every panel and B' in every piece of a phase."""
         levels = x[self.c[i] : self.c[i] + self.panels]
         settled = self.settled[self.b[i] - self.b[0] : self.b[i + 1] - self.b[0]]
-        return (np.roll(levels, -1) - levels) / self.widths, x[self.b[i] : self.b[i + 1]] * settled
+        slopes = x[self.a] + (np.roll(levels, -1) - levels) / self.widths
+        return slopes, x[self.b[i] : self.b[i + 1]] * settled
 
     def growth(
         self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array
