@@ -58,6 +58,7 @@ class Cost:
     OUTLINE = 300  # the distance of the drawn robot
     POINT = 30  # of a plane, and how far the drawn robot is from it
     BOX = 5  # a thousand of poses of an object that a disc in it may block
+    BEND = 1800  # a look at whether a bend passes a forbidden shape
     CELL = 300  # a thousand cells of the plane of shapes in a bend
     # Among obstacles and objects.
     DISTANCE = 11  # a piece, or all, against a part of an obstacle, by separating axes

@@ -57,7 +57,7 @@ _LOOKS = 40  # along the direct drive
 _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
-_WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
+_WIDTH, _LEAVES, _TRIES, _AT_ONCE, _LONG = 4, 30, 8, 2, 5
 
 
 @public
@@ -329,22 +329,18 @@ def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | No
 
 
 def _look(tree: Tree[Solved], alone: bool) -> tuple[float, Solved] | None:
-    """The best of a few promising sequences of all stages; short stages first.
-
-    Where there is but one stage, each is tried once, and once more with what one of them, tried
-    again, tells of detours.
-    """
+    """The first of a few promising sequences of all stages; of a single stage the best of them."""
+    few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _AT_ONCE if alone else _TRIES}
 
     def short(node: Node) -> list[Node]:
         leaps = tree.leaps(node)
         return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
-    few = [(_LEAVES, 1), (1, 2), (_LEAVES, 1)] if alone else [(_LEAVES, _TRIES)]
-    for children in (tree.leaps,) if alone else (short, tree.leaps):
-        for attempts, tries in few:
-            most = {"width": _WIDTH, "attempts": attempts, "tries": tries}
-            if found := dive(tree, children, **most, out_of_time=out_of_effort):
-                return found
+    for children in (short, tree.leaps):
+        found = dive(tree, children, **few, out_of_time=out_of_effort)
+        some = itertools.islice(found, None if alone else 1)
+        if best := min(some, key=lambda each: each[0], default=None):
+            return best
     return None
 
 

@@ -11,6 +11,7 @@ enclosed, let S grow too fast are halved then, and S is divided by what is left 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from twosra_mpc.timing import EventLayout
 _FINE = 2  # boxes of each segment in a piece of its B
 _ROUNDS, _CUTS = 14, 800  # of adding rows, and how many
 _CLOSE, _HALVINGS, _MOST = 1.01, 6, 3000  # growth that is left, halvings, boxes to be halved
+_SURELY = 1.1  # times what is enough, before it is proved
 _TWO = 2  # segments
 
 
@@ -65,10 +67,16 @@ def least_motion_s(task: BendingTask, modes: Sequence[Mode]) -> float:
     layout = EventLayout(1, _TWO)
     cost = np.eye(layout.count)[layout.finish]
     given = task.pose, [everything], layout, layout.phase_order(), cost
-    return min(_least_s(PoseProgram(*given, side, _CUTS), task, modes) for side in task.pose.sides)
+    known_s = math.inf
+    for side in task.pose.sides:
+        known_s = _least_s(PoseProgram(*given, side, _CUTS), task, modes, known_s)
+    return known_s
 
 
-def _least_s(program: PoseProgram, task: BendingTask, modes: Sequence[Mode]) -> float:
+def _least_s(
+    program: PoseProgram, task: BendingTask, modes: Sequence[Mode], enough_s: float
+) -> float:
+    """Bound of the plans on one side, or of those that are known to take less [s]."""
     best, least_s = None, 0.0
     for _ in range(_ROUNDS):
         if (x := program.solve()) is None:
@@ -77,13 +85,13 @@ def _least_s(program: PoseProgram, task: BendingTask, modes: Sequence[Mode]) -> 
         rate = float(constraint.rates[0])
         if rate > 0.0 and constraint.need > least_s * rate:
             best, least_s = x, constraint.need / rate
-        if not violated:
+        if not violated or least_s > _SURELY * enough_s:
             break
     if best is None:
         return 0.0
     constraint, _ = program.read(best)
     grows = [_growth(program, best, mode, task, float(constraint.rates[0])) for mode in modes]
-    return constraint.need / max(grows)
+    return min(enough_s, constraint.need / max(grows))
 
 
 def _pieces(task: BendingTask) -> tuple[_Boxes, PhaseMotions]:

@@ -263,7 +263,9 @@ class PoseProgram:
             growth, loose = self.growth(phase, p, *slopes)
             rates[i] = max(0.0, float((growth.max(axis=2) + loose).max()))
             none = np.zeros((len(phase.gains), 1), dtype=np.intp)
-            begun = phase._replace(motions=phase.gains, slack=np.zeros_like(phase.gains), piece=none)
+            begun = phase._replace(
+                motions=phase.gains, slack=np.zeros_like(phase.gains), piece=none
+            )
             faster = float(self.growth(begun, p, *slopes)[0].max(initial=0.0))
             ramps[i] = rates[i] / faster if faster else phase.ramp_s
             violated |= self._cut(i, growth - x[self.g + i])
@@ -275,7 +277,7 @@ class PoseProgram:
         return proved, violated
 
     def slopes(self, x: Array, i: int) -> tuple[Array, Array]:
-        """a + C' in every panel and B' in every piece of a phase."""
+        """Slopes a + C' in every panel and B' in every piece of a phase."""
         levels = x[self.c[i] : self.c[i] + self.panels]
         settled = self.settled[self.b[i] - self.b[0] : self.b[i + 1] - self.b[0]]
         slopes = x[self.a] + (np.roll(levels, -1) - levels) / self.widths

@@ -418,12 +418,12 @@ class Tree(Generic[Solution]):
         if first is None and not known.detour and leaves.first_is_forbidden(whole):
             if leaves.bounds[whole] is known:
                 leaves.bend_otherwise(whole, COARSE)
-                yield None
             known = leaves.bounds[whole]
             attempts = iter(self.solver(network, known, whole))
             first = next(attempts, None)
             yield first
         if first is None and known.detour and len(whole.sequences) == 1:
+            yield None
             leaves.bend_otherwise(whole, FINE)
             yield None
             attempts = iter(self.solver(network, leaves.bounds[whole], whole))

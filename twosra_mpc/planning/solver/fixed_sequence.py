@@ -207,6 +207,9 @@ def _decision_bounds(
     if problem.workspace is not None:  # what is between the places that are looked at
         inputs[..., -1] = np.minimum(inputs[..., -1], _MOST_TURN_RAD)
     inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
+    drives = guess.inputs[..., 2:].any(axis=(1, 2))
+    if program.inputs == 1 and drives.any():  # each drive more takes its time to speed up
+        inputs[~drives, :, 2:] = 0.0
     used = np.zeros(program.layout.count)
     for u, v in network.least:
         used[[u, v]] = np.inf

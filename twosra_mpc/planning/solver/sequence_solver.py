@@ -162,9 +162,8 @@ class GoalSolver:
         if first is not None and first[0] - bound.cost < self._least_s:
             return
         drives = not any(map(any, network.sequence))  # all there is to do is to drive
-        for made in () if drives else turning(first, partial(self._turned, first, network)):
-            self.iterations += made[1].candidate.iterations
-            yield made
+        if not drives:
+            yield from self._turned(first, network)
         quick = None
         ends = guess.states[0, 0], guess.end
         for motion, count in turning_drives(problem.robot, problem.goal, *ends) if drives else ():
@@ -177,18 +176,21 @@ class GoalSolver:
         if quick is None and not out_of_effort():
             candidate = solve(guess, network, problem)
             self.iterations += candidate.iterations if candidate else 0
-            yield checked(self._asked, candidate, network)
+            yield (made := checked(self._asked, candidate, network))
+            if not drives:
+                yield from self._turned(made, network)
 
     def _turned(
-        self,
-        first: tuple[float, Solved],
-        network: TemporalNetwork,
-        turns: Collection[int],
-        most: int,
-    ) -> Candidate | None:
-        motion, goal = first[1].candidate.motion, self.problem.goal
-        motion, count = turned(motion, goal, turns, most, lambda *_: True)
-        return timed(motion, network, self.problem, count)
+        self, first: tuple[float, Solved] | None, network: TemporalNetwork
+    ) -> Iterator[tuple[float, Solved]]:
+        def make(turns: Collection[int], most: int) -> Candidate | None:
+            assert first is not None, "else nothing is made anew"
+            motion, goal = first[1].candidate.motion, self.problem.goal
+            motion, count = turned(motion, goal, turns, most, lambda *_: True)
+            self.iterations += count
+            return timed(motion, network, self.problem, count)
+
+        yield from turning(first, make)
 
     def _cheapest_guess(
         self, network: TemporalNetwork, bound: SequenceBound
