@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge, remembered
-from twosra_mpc.model.bending import bending, from_rest_to_rest
+from twosra_mpc.model.bending import bending, from_rest_to_rest, unit_ramp_s
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
@@ -296,7 +296,6 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
     low, high = np.where(given, [low, high], 0.0)
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     reach = np.where(given, (high - low) / 2, math.inf)
-    facts, most = bending(problem.robot), problem.robot.limits.wheel_acceleration_rad_s2
     return PoseTask(
         heading=float(start[2]),
         shift=(low + high)[:2] / 2,
@@ -305,8 +304,8 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
         turn_reach=min(float(reach[2]), math.pi),
         known_s=_known_s(guess),
         speed_rows=partial(rigid_rows_between, problem.robot),
-        ramps_s=(WHEEL_SPEED.most(problem.robot) / (most or math.inf), facts.unit_ramp_s),
-        soft_motions=facts.motions_between,
+        ramp_s=unit_ramp_s(problem.robot),
+        soft_motions=bending(problem.robot).motions_between,
     )
 
 

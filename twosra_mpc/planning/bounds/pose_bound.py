@@ -52,14 +52,10 @@ _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-
 
 
 class PoseConstraint(NamedTuple):
-    """sum of rates[i] (duration of phase i, at full speed) >= need for every plan [s].
-
-    Speed grows from rest to where S grows by rates[i] in ``ramps``[i] at least [s], and so ends.
-    """
+    """sum of rates[i] (duration of phase i, at full speed) >= need for every plan [s]."""
 
     rates: Array
     need: float
-    ramps: Array
 
 
 def best_constraint(
@@ -84,16 +80,7 @@ def best_constraint(
     """
     for side in task.sides:
         program = PoseProgram(task, phases, layout, least, cost, side)
-        best = -math.inf
-        for _ in range(_ROUNDS):
-            x = program.solve()
-            if x is None:
-                break
-            constraint, violated = program.read(x)
-            best = max(best, bound_with(constraint))
-            if best >= enough or not violated:
-                break
-        enough = min(enough, best)
+        enough = min(enough, program.best(bound_with, enough)[0])
     return enough
 
 
@@ -241,6 +228,21 @@ class PoseProgram:
         row, column = np.tile(np.arange(count), len(columns)), np.concatenate(columns)
         self.rows.append(Rows.summed(count, row, column, np.concatenate(values)))
 
+    def best(
+        self, value: Callable[[PoseConstraint], float], enough: float
+    ) -> tuple[float, Array | None]:
+        """The highest value of what is proved, up to what is enough, and its x, if any."""
+        best, found = -math.inf, None
+        for _ in range(_ROUNDS):
+            if (x := self.solve()) is None:
+                break
+            constraint, violated = self.read(x)
+            if (worth := value(constraint)) > best:
+                best, found = worth, x
+            if best >= enough or not violated:
+                break
+        return best, found
+
     def solve(self) -> Array | None:
         """Optimum of the program with the rows it has; None if the solver gives up."""
         rows = Rows.stacked(self.rows)
@@ -257,24 +259,16 @@ class PoseProgram:
         n, p = len(self.phases), x[:2] * self.given
         levels = x[2 : self.b[0]].reshape(n, self.panels)
         steps = np.diff(levels, axis=0).max(axis=1)
-        rates, ramps, violated = np.zeros(n), np.zeros(n), False
+        rates, violated = np.zeros(n), False
         for i, phase in enumerate(self.phases):
-            slopes = self.slopes(x, i)
-            growth, loose = self.growth(phase, p, *slopes)
+            growth, loose = self.growth(phase, p, *self.slopes(x, i))
             rates[i] = max(0.0, float((growth.max(axis=2) + loose).max()))
-            none = np.zeros((len(phase.gains), 1), dtype=np.intp)
-            begun = phase._replace(
-                motions=phase.gains, slack=np.zeros_like(phase.gains), piece=none
-            )
-            faster = float(self.growth(begun, p, *slopes)[0].max(initial=0.0))
-            ramps[i] = rates[i] / faster if faster else phase.ramp_s
             violated |= self._cut(i, growth - x[self.g + i])
         bent = self.gain[self.b[0] : self.g] * x[self.b[0] : self.g] * self.settled
         parts = [p * self.task.shift, (self.goal @ levels[-1]).min(), -levels[0, 0], bent, -steps]
         parts += [-np.where(self.given, self.task.reach, 0.0) * np.abs(p), x[self.a] * self.side[1]]
         gain, size = (sum(float(np.sum(f(part))) for part in parts) for f in (np.array, np.abs))
-        proved = PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size, ramps)
-        return proved, violated
+        return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
 
     def slopes(self, x: Array, i: int) -> tuple[Array, Array]:
         """Slopes a + C' in every panel and B' in every piece of a phase."""

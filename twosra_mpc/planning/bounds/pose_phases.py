@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.planning.bounds.rigid_motion import rows_of_any, twist_vertices
-from twosra_mpc.robot.coordinates import WHEELS, Array
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 
 Indices = NDArray[np.intp]
@@ -34,8 +34,8 @@ class PoseTask:
         turn_reach: Half of what it allows; pi where the heading is free [rad].
         known_s: Duration of a rigid motion in the start shape that makes the change [s].
         speed_rows: (least, largest kappa (n,)) -> rows M with abs(M xi) <= 1 for every rigid twist
-            in a shape between, and how far off they may be, each (m, 3); those of wheels first.
-        ramps_s: In which a wheel, and a locomotion unit, gets from rest to full speed; 0: at once.
+            in a shape between, and how far off they may be, each (m, 3).
+        ramp_s: In which a locomotion unit gets from rest to full speed at least [s].
         soft_motions: (mode, least W (n, m), largest W (n, m)) -> lower and upper bounds, each
             (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, in these boxes.
     """
@@ -47,7 +47,7 @@ class PoseTask:
     turn_reach: float
     known_s: float
     speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
-    ramps_s: tuple[float, float]
+    ramp_s: float
     soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
 
     @property
@@ -60,16 +60,10 @@ class PoseTask:
 
     def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
         """Motions of a rigid phase in a shape between these; None if nothing limits it."""
-        rows, off = self.speed_rows(least, most)
-        if (twists := twist_vertices(rows_of_any(rows, off))) is None:
+        if (twists := twist_vertices(rows_of_any(*self.speed_rows(least, most)))) is None:
             return None
-        wheels = (each[:WHEELS] * self.ramps_s[0] for each in (rows, off))
-        gains = twist_vertices(rows_of_any(*wheels)) if self.ramps_s[0] else None
-        none = np.zeros((0, 3)) if gains is None else gains
-        motions, gained = (np.pad(each, ((0, 0), (0, 1))) for each in (twists, none))
-        piece = np.zeros((len(twists), 1), dtype=np.intp)
-        still = np.zeros_like(motions), piece, np.zeros(1), np.ones(1, bool)
-        return PhaseMotions(motions, *still, gained)
+        motions, none = np.pad(twists, ((0, 0), (0, 1))), np.zeros((len(twists), 1), dtype=np.intp)
+        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1), np.ones(1, bool))
 
     def soft_phase(
         self, mode: Mode, origin: Bounds, bend: tuple[float, float], room: tuple[float, float]
@@ -104,7 +98,6 @@ class PoseTask:
             motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
             slack=np.tile((half[0] + half[1]).T, (4, 1)),
             piece=np.tile(where.piece, (4, 1)),
-            ramp_s=self.ramps_s[1],
         )
 
 
@@ -140,8 +133,6 @@ class PhaseMotions(NamedTuple):
         piece: Pieces of B in which they take place, (n, k).
         bends: Change of W in each piece that the phase must make, (pieces,).
         settled: Whether it is known how much of a piece the phase bends; elsewhere B is flat.
-        gains: Of a rigid phase: what it gains of (u, v, r, 0) in a second at most, (m, 4).
-        ramp_s: Of a soft phase: in which it gets from rest to full speed at least [s].
     """
 
     motions: Array
@@ -149,5 +140,3 @@ class PhaseMotions(NamedTuple):
     piece: Indices
     bends: Array
     settled: NDArray[np.bool_]
-    gains: Array = np.zeros((0, 4))
-    ramp_s: float = 0.0

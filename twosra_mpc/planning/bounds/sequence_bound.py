@@ -136,24 +136,14 @@ def pose_bound(
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
 
-    soft = np.array(network.sequence, dtype=bool).any(axis=1)
-    lasting = np.array(least_durations)
+    soft, ramp_s = np.array(network.sequence, dtype=bool).any(axis=1), task.pose.ramp_s
+    some = np.minimum(1.0, np.array(least_durations) / max(2 * ramp_s, 1e-300))
+    lost_s = soft * ramp_s * (1 - (1 - some) ** 2)  # from rest and to it, in what lasts so long
 
     def bound_with(found: PoseConstraint) -> float:
-        lost = found.rates * found.ramps
-        some = np.minimum(1.0, lasting / np.maximum(2 * found.ramps, 1e-300))
-        need = found.need + float((lost * (1 - (1 - some) ** 2))[soft].sum())
-        known, begun = bound_if(found.rates, need), float(lost[~soft].min(initial=math.inf))
-        if not 0 < begun < math.inf or known >= enough:
-            return known
-        driven = bound_if(found.rates, need + begun)
-        return max(known, min(driven, bound_if(found.rates * soft, need - begun)))
-
-    def bound_if(rates: Array, need: float) -> float:
+        found = found._replace(need=found.need + float(found.rates @ lost_s))
         try:
-            bound = _linear_program_bound(
-                network, task, weights, least_durations, PoseConstraint(rates, need, rates)
-            )
+            bound = _linear_program_bound(network, task, weights, least_durations, found)
         except ArithmeticError:  # the solver gave up: nothing is proved
             return -math.inf
         return -math.inf if bound is None else bound.cost

@@ -168,11 +168,12 @@ class Leaves:
         self.bounds[whole] = replace(known, cost=max(parts.cost, known.cost), bends=bends)
 
     def look_at_motion(self, whole: Whole) -> None:
-        """Work out how long every plan moves where driving outlasts the metal."""
+        """Work out how long every plan moves where driving, or bending, outlasts the metal."""
         task = self.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
-        if task.pose.known_s > self.bounds[whole].cost:
+        moves_s = max(task.pose.known_s, 2 * sum(self.so_far.durations(whole)))
+        if moves_s > self.bounds[whole].cost:
             self.ask_motion(whole)
 
     def ask_motion(self, whole: Whole) -> bool:
