@@ -1,24 +1,27 @@
 r"""Bound on what the change of pose costs a mode sequence whose bends are known, or nearly so.
 
-Let S_i be functions of pose and bend, one for each phase i, with a common gradient p in the plane,
+Let S_i be functions of pose and bend, one for each phase i, with common gradients p and a,
 
-.. math:: S_i = p \cdot (x, y) + C_i(\phi) + B_i(W),
+.. math:: S_i = p \cdot (x, y) + a \phi + C_i(\phi) + B_i(W),
 
 C_i of period 2 pi and piecewise linear in the heading, B_i piecewise linear in the bending
 coordinate, 0 where the phase begins. If S_i grows by at most g_i per second whatever the robot
 does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over the phases of a plan
 
 .. math:: \sum_i g_i\,(t_{end,i} - t_{start,i}) \;\ge\;
-    p \cdot \Delta(x, y) + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
+    p \cdot \Delta(x, y) + a \Delta\phi + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
 
 a linear constraint on the event times, and the least cost of the temporal network with this
 constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
 about, or bend too far and back. Where a bend d_i is known to within bounds, B_i is flat between
 them; of the goal poses the one counts that gains the least, so p has no part along a coordinate
-that is free, and of a free heading the least C_n counts. In a rigid phase g_i is a maximum
-over the vertices of a polytope of twists; in a soft phase over boxes of shapes on the line of its
-bends, out to the curvature limits, and the corners of the two units' speeds (growth is linear in
-both, and what limits the wheels besides is left out).
+that is free, and of a free heading the least C_n counts. Plans that turn left by some angle modulo
+2 pi, or by more, gain at least a times that where a >= 0, and those that turn right where a <= 0:
+each are bounded by a program of their own, and the worse bound is that of all.
+
+In a rigid phase g_i is a maximum over the vertices of a polytope of twists; in a soft phase over
+boxes of shapes on the line of its bends, out to the curvature limits, and the corners of the two
+units' speeds (growth is linear in both, and what limits the wheels besides is left out).
 
 On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
 and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.

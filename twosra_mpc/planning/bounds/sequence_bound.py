@@ -20,7 +20,9 @@ E_i / (t_{end,i} - t_{start,i}) for the least effort times duration E_i that suc
 (rigid drives: none). Every plan of the sequence satisfies these constraints, because R is an upper
 bound of abs(dW/dt) and W_j rests while segment j is rigid; so the optimum of this linear program
 bounds its cost from below. Where that is not enough, what the sequence may do is cut into
-``parts``, and a goal pose adds the constraint of ``pose_bound``. A sequence that never melts
+``parts``, and a goal pose adds the constraint of ``pose_bound``, less what is lost while the units
+get from rest to full speed r seconds long, and back, in a bend that takes T: r, or T - T^2 / (4 r)
+where T < 2 r. A sequence that never melts
 anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
