@@ -154,13 +154,17 @@ def test_what_is_pushed_follows_what_friction_allows(path: Any, words: str) -> N
         assert found.require().verification.ok
 
 
-def test_a_path_that_begins_elsewhere_says_what_to_do_before() -> None:
-    start = {"x_m": 0.2, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
-    tasks = [{"do": "follow", "path": SQUARE}]
-    found = plan(Problem(robot=ROBOT, start=start, tasks=tasks))  # type: ignore[arg-type]
-    assert found.plan is None
-    assert "begins 200 mm away" in found.message
-    assert found.status is Status.INFEASIBLE
+@pytest.mark.parametrize(
+    ("off_mm", "status"),
+    [(4.7, Status.OPTIMAL), (4.9, Status.FAILED), (200.0, Status.INFEASIBLE)],
+)
+def test_a_path_that_begins_elsewhere_says_what_to_do_before(off_mm: float, status: Status) -> None:
+    """Within the tolerance of 5 mm, but hardly, nothing proves that no drive does."""
+    start = {"x_m": 0.0, "y_m": off_mm / 1e3, "phi_rad": 0.094, "kappa_per_m": [0.0, 0.0]}
+    tasks = [{"do": "follow", "path": SQUARE, "heading": 0.0}]
+    found = plan(Problem(robot=ROBOT, start=start, tasks=tasks, gap=0.2))  # type: ignore[arg-type]
+    assert found.status is status
+    assert found.plan is not None or f"begins {off_mm:g} mm away" in found.message
 
 
 def test_an_object_is_led_no_nearer_than_its_cage_has_room() -> None:

@@ -223,10 +223,22 @@ class Fibre:
             here: W of every segment where it begins.
             bend: Change of W; what it surely is counts.
         """
-        ends, limits = (bend.lower(), bend.upper()), self.robot.limits
+        ends = bend.lower(), bend.upper()
         surely = ends[0] if ends[0] > 0 else ends[1] if ends[1] < 0 else arb(0)
         if surely == 0:
             return NO_TIME
+        key = mode, *((w.mid(), w.rad()) for w in (*here, bend))  # exact, as intervals are not
+        if key not in self._known:
+            self._known[key] = self._least(mode, here, surely)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[Any, Least | None]:
+        """Least durations of bends: the sequences of a proof have many in common."""
+        return {}
+
+    def _least(self, mode: Mode, here: Sequence[arb], surely: arb) -> Least | None:
+        limits = self.robot.limits
         if self.meets_itself(mode, here, surely):
             return None
         at_speed, rolled, turned = arb(0), arb(0), [arb(0) for _ in mode]
@@ -261,11 +273,14 @@ class Fibre:
         return [self.curvature(j, w + soft * moved) for j, (w, soft) in enumerate(moves)]
 
 
+_SAGITTA = [(-1) ** k / arb(math.factorial(2 * k + 3)) for k in range(16)]
+
+
 def _sagitta(a: arb) -> arb:
     """(a - sin a) / a^2, by its series near zero."""
     if a.abs_lower() > 0.5:
         return (a - a.sin()) / (a * a)
     square, total = a * a, arb(0, 1e-12)  # more than all that follows up to a full turn
-    for k in reversed(range(16)):
-        total = (-1) ** k / arb(math.factorial(2 * k + 3)) + square * total
+    for coefficient in reversed(_SAGITTA):
+        total = coefficient + square * total
     return a * total

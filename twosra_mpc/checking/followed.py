@@ -31,8 +31,8 @@ class Followed(NamedTuple):
         along_m: How far along the path it is then, (m,).
         off_m: How far from the path, (m,).
         off_rad: How far from the heading that is asked for, (m,); zero where it is free.
-        between_m: How much farther it may be in between, at most [m].
-        between_rad: The same of the heading.
+        most_m: The same at most, until the next time, (m,).
+        most_rad: The same of the heading, (m,).
         left_m: What it has not come to of the path.
         within_m: How far from the path it may be.
         due_m: How far from each point that has a time it is then, (k,).
@@ -42,8 +42,8 @@ class Followed(NamedTuple):
     along_m: Array
     off_m: Array
     off_rad: Array
-    between_m: float
-    between_rad: float
+    most_m: Array
+    most_rad: Array
     left_m: float
     within_m: float
     due_m: Array
@@ -130,24 +130,29 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
         along_m,
         off_m,
         off_rad,
-        float(np.diff(gone[marks]).max(initial=0.0)) / 2,
-        float(np.nan_to_num(changed).max(initial=0.0)) / 2,
+        _most(off_m, np.diff(gone[marks])),
+        _most(off_rad, np.nan_to_num(changed)),
         float(line.length_m[-1] - along_m[-1]),
         near_m,
         np.hypot(*(then - line.at(due[:, 0])).T),
     )
 
 
+def _most(off: Array, changed: Array) -> Array:
+    """Most that ``off`` (m,) may be until the next time, where so much ``changed`` (m - 1,)."""
+    return np.append((off[:-1] + off[1:] + changed) / 2, off[-1])
+
+
 def tube_problems(task: Follow, found: Followed) -> Iterator[str]:
     """Say where what follows a path leaves the tube around it, or does not come to its end."""
     most = task.position_tolerance_m, task.heading_tolerance_rad
-    worst = int(found.off_m.argmax())
-    if found.off_m[worst] + found.between_m > most[0] + GOAL_TOLERANCE:
-        off = f"{1e3 * found.off_m[worst]:z.3g} mm off its path at {found.t_s[worst]:z.1f} s"
+    worst = int(found.most_m.argmax())
+    if found.most_m[worst] > most[0] + GOAL_TOLERANCE:
+        off = f"{1e3 * found.most_m[worst]:z.3g} mm off its path at {found.t_s[worst]:z.1f} s"
         yield f"it is {off} (position_tolerance_m = {most[0]:zg} m)"
-    worst = int(found.off_rad.argmax())
-    if found.off_rad[worst] + found.between_rad > most[1] + GOAL_TOLERANCE:
-        off = f"{found.off_rad[worst]:z.3g} rad at {found.t_s[worst]:z.1f} s"
+    worst = int(found.most_rad.argmax())
+    if found.most_rad[worst] > most[1] + GOAL_TOLERANCE:
+        off = f"{found.most_rad[worst]:z.3g} rad at {found.t_s[worst]:z.1f} s"
         yield f"its heading is off by {off} (heading_tolerance_rad = {most[1]:zg} rad)"
     if found.due_m.max(initial=0.0) > most[0] + GOAL_TOLERANCE:
         late = int(found.due_m.argmax())

@@ -38,6 +38,7 @@ from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, composed, wrapped
 from twosra_mpc.robot.description import Robot
 
 _SHARE = 0.2  # of the tolerance, by which the spline departs from the path; the rest is the run's
+_BEGINS = 0.95  # of the tolerance, from where it is begun; verification proves to within the rest
 _LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
 _PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
 _TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
@@ -236,16 +237,24 @@ def _shortest_m(line: Polyline, within_m: float) -> Iterator[float]:
         yield float(long_m.sum() - within_m * (2 + np.hypot(*np.diff(along, axis=0).T).sum()))
 
 
-def begins_well(task: Follow, pose: Array) -> str | None:
-    """Reason why a path is not begun at a pose (3,) of what follows it, and what would do."""
+def begins_well(task: Follow, pose: Array, room_m: float = 0.0) -> tuple[str, bool] | None:
+    """Reason why a path is not begun at a pose (3,) of what follows it, and whether none can be.
+
+    Args:
+        task: What is asked.
+        pose: Where what follows it is.
+        room_m: How far it may get from there, of the tolerance.
+    """
     line = task.left
     x, y = line.points[0].tolist()
     off_m = math.dist(pose[:2].tolist(), (x, y))
     off_rad = abs(math.remainder(pose[2] - line.headings[0], math.tau))
-    if off_m <= task.position_tolerance_m and not off_rad > task.heading_tolerance_rad:
+    within_m, within_rad = task.position_tolerance_m - room_m, task.heading_tolerance_rad
+    if off_m <= _BEGINS * within_m and not off_rad > _BEGINS * within_rad:
         return None
     turned = f", {math.degrees(off_rad):z.0f} degrees turned" if off_rad > 0 else ""
     heading = "" if math.isnan(off_rad) else f", phi_rad = {line.headings[0]:z.4g}"
     to = "carry" if task.object else "reach"
     asked = f'a task "{to}" before it: x_m = {x:z.4g}, y_m = {y:z.4g}{heading}'
-    return f"the path begins {1e3 * off_m:z.0f} mm away{turned}: {asked}"
+    words = f"the path begins {1e3 * off_m:z.3g} mm away{turned}: {asked}"
+    return words, off_m > within_m or off_rad > within_rad

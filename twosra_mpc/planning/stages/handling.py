@@ -222,9 +222,10 @@ class Handling:
             self.refused[_too_loose(thing.name, room_m, task.position_tolerance_m)] = True
             return
         begins, said = self._begins(task, at, in_b0), task.said(len(at.placements) + 1)
-        refused = [begins_well(task, composed(begin, in_b0)) for begin in begins]
-        if all(refused):
-            self.refused[f"{said}: {refused[0]}"] = not at.placements
+        refused = [begins_well(task, composed(begin, in_b0), room_m) for begin in begins]
+        reasons = [why for why in refused if why is not None]
+        if len(reasons) == len(begins):
+            self.refused[f"{said}: {reasons[0][0]}"] = reasons[0][1] and not at.placements
         least_s = max(stage.least_s, least_time_s(robot, kappa, task, in_b0))
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
         met, slid, clear = dict[float, str](), dict[float, str](), False
