@@ -211,7 +211,8 @@ class Driving:
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
         """
-        q = self.mission.steered(self.belief.q.copy())
+        over = self.course.clock_s >= self.phase.end_s
+        q = self.mission.steered(self.belief.q.copy(), over=over)
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
             aimed = self._right_at_once(q)

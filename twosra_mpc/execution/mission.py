@@ -173,17 +173,18 @@ class Mission:
             name = self.problem.objects[hold.object].name
             raise ObjectLostError(f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
 
-    def steered(self, q: Array) -> Array:
+    def steered(self, q: Array, *, over: bool = False) -> Array:
         """The robot (3 + n,) that would hold what it holds as planned, where that is seen to be.
 
         So a tracker brings the object to where it is planned, as it turns about b0 only where its
         heading is asked for. What is farther off than its cage has room is lost: see `check_held`.
+        What is pushed stays behind when the robot comes back: once it is ``over`` that is left.
         """
         hold, objects = self._hold, self.belief.objects
         if hold is None or objects is None or not objects.seen or not self._left:
             return q
         task, item, seen = self._left[0], self.problem.objects[hold.object], objects.in_b0
-        if task.about != item.name:
+        if task.about != item.name or (over and not self._room_m):
             return q
         seen = seen[hold.object].copy()
         if item.disc is not None or not task.asks_heading:

@@ -37,6 +37,7 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _ALIKE = 6  # decimals of m and 1/m
+_SURELY = 0.7  # of an object's friction: at its limit it slips
 _STILL_M = 1e-12  # of an object in an interval
 
 
@@ -120,7 +121,7 @@ class Handling:
         if hold.caged:
             return pieces, None
         where = geometry, hold.kappa, thing, hold.pose_in_b0
-        return pieces, pushing_cone(*where, thing.friction or 0.0)
+        return pieces, pushing_cone(*where, _SURELY * (thing.friction or 0.0))
 
     def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
         """The stages that end in each touch that holds an object as asked."""
