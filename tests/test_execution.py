@@ -438,13 +438,14 @@ def test_a_robot_that_responds_less_or_more_is_believed_without_bias(
     assert (np.std(offs, axis=0) < 2.0).all()
 
 
-def test_pulses_are_worth_the_command_on_average() -> None:
+@pytest.mark.parametrize("counted", [0.2, 0.4, 1.0])
+def test_pulses_are_worth_the_command_on_average_and_wheels_turn_as_told(counted: float) -> None:
     pulses, slow = Pulses(0.2), np.array([0.05, 0.0, -0.02, 0.01])
-    sent = np.array([pulses.shape(slow) for _ in range(600)])
-    assert sent.mean(axis=0) == pytest.approx(slow, rel=0.02, abs=1e-12)
-    assert set(np.abs(sent).max(axis=1).round(9)) == {0.0, 0.3}
-    fast = np.array([1.0, 0.0, -0.5, 0.1])
-    assert (pulses.shape(fast) == fast).all()
+    sent = np.array([pulses.shape(slow, counted) for _ in range(3000)])
+    turned = np.where(np.abs(slow) >= counted * 0.05, slow, 0.0)
+    assert sent.mean(axis=0) == pytest.approx(turned, rel=0.02, abs=1e-12)
+    assert set(np.abs(sent)[:, turned != 0].min(axis=1).round(9)) == {0.0, 0.3}
+    assert pulses.shape(np.array([1.0, 0.0, -0.5, 0.1])).tolist() == [1.0, 0.0, -0.5, 0.0]
     assert (Pulses(0.0).shape(slow) == slow).all()
 
 

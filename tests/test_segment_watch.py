@@ -16,7 +16,7 @@ from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import follow
 from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
-from twosra_mpc.execution.simulation.disturbance import LEVELS
+from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.robot.description import segment_model
 
@@ -133,12 +133,12 @@ def test_a_digital_sensor_without_noise_stands_still_while_metal_freezes() -> No
 
 def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:
     problem = load_problem("rigid-move", robot=ROBOT.name)
-    robot = SimulatedRobot(problem, "arc", LEVELS["moderate"])
+    robot = SimulatedRobot(problem, "arc", Disturbance(unit_s=0.05))
     robot.send(np.ones(4), np.full(2, SOFT_C))
     before = robot.q.copy()
-    while robot.think(problem) is None:
+    while (made := robot.think(problem)) is None:
         robot.wait(0.1)
-    assert robot.time_s == pytest.approx(LEVELS["moderate"].planning_s, abs=0.2)
+    assert robot.time_s == pytest.approx(0.05 * (made.stats.work or 0.0), abs=0.2)
     assert np.abs(robot.q - before).max() > 1e-3  # the last command was in force
     assert robot.segments[0].temperature_C > 26.0
 

@@ -24,7 +24,7 @@ from twosra_mpc.robot.paths import PATH_MODELS
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]
 Check = Callable[[Path], object]  # raises InputError where a file may not be written
-Load = Callable[[str], Problem]
+Load = Callable[..., Problem]
 
 
 def completed(
@@ -162,7 +162,12 @@ def scenario_options(*without: str) -> Decorator:
 def _load(
     scenario: str, path_model: str | None = None, exact: bool = False, **overrides: Any
 ) -> Problem:
+    """Load a scenario; to be run it counts with uncertain times, where it does not say whether."""
+    to_run = overrides.pop("to_run", False)
     problem = load_problem(scenario, **overrides)
+    uncertain = problem.only_time and problem.robot.uncertainty is not None
+    if to_run and uncertain and "risk" not in problem.model_fields_set:
+        problem = problem.with_values(risk="mean")
     if exact:
         problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
     robot = problem.robot if path_model is None else with_path_model(problem.robot, path_model)

@@ -18,7 +18,7 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import Activity, Next, Policy, rest
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, wrapped
 from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
@@ -106,6 +106,13 @@ class Course:
             q = self.plan.trajectory.configuration([self.clock_s])[0]
             self._planned = self.clock_s, q
         return self._planned[1]
+
+    @property
+    def away(self) -> Array:
+        """How far from there the robot is, (3 + n,)."""
+        away = self.belief.q - self.planned
+        away[2] = wrapped(away[2])
+        return away
 
     def name(self, index: int) -> str:
         """A phase in words; the number of phases is the plan's end."""

@@ -18,7 +18,7 @@ from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending
 from twosra_mpc.robot.accuracy import ACCEPTED
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, last_bent, soft_segments
 
@@ -26,9 +26,12 @@ if TYPE_CHECKING:
     from twosra_mpc.execution.following import Following
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
+_COUNTED = 0.2  # of the fastest wheel: in a bend slower ones make no difference
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
 _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
+_SLIPS_S, _SLIPS_PER_M2_S = 0.2, 150.0  # ahead its speed is looked at; as much, per (m/s)^2 and s
+_ROUNDING = 1e-9  # [1/m^2]
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
 
@@ -37,24 +40,27 @@ class Pulses:
 
     def __init__(self, dead_zone_rad_s: float) -> None:
         """Start with nothing left over from before."""
-        self._least, self._owed = _ABOVE * dead_zone_rad_s, 0.0
+        self._dead, self._least, self._owed = dead_zone_rad_s, _ABOVE * dead_zone_rad_s, 0.0
 
-    def shape(self, wheel_rad_s: Array) -> Array:
+    def shape(self, wheel_rad_s: Array, counted: float = 1.0) -> Array:
         """Return what to send for a command of the wheels (4,) in this period, as on average."""
-        fastest = float(np.abs(wheel_rad_s).max())
-        if fastest >= self._least or fastest == 0.0:
-            self._owed = 0.0
-            return wheel_rad_s
-        self._owed += fastest / self._least
+        faster = self._faster(wheel_rad_s, counted)
+        self._owed = self._owed + 1 / faster if faster > 1.0 else 1.0
         if self._owed < 1.0:
             return still()
         self._owed -= 1.0
-        return wheel_rad_s * (self._least / fastest)
+        return self.brisk(wheel_rad_s, counted)
 
-    def brisk(self, wheel_rad_s: Array) -> Array:
-        """Return a command of the wheels (4,) at the speed at which they surely turn, at least."""
-        fastest = float(np.abs(wheel_rad_s).max())
-        return wheel_rad_s * max(1.0, self._least / fastest) if fastest else wheel_rad_s
+    def brisk(self, wheel_rad_s: Array, counted: float = 1.0) -> Array:
+        """Return a command of the wheels (4,) at which they surely turn; slow ones are to stand."""
+        turned = self._faster(wheel_rad_s, counted) * wheel_rad_s
+        return np.where(np.abs(turned) < self._dead, 0.0, turned)
+
+    def _faster(self, wheel_rad_s: Array, counted: float) -> float:
+        """Factor of speed with which all wheels turn that have this share of the fastest's."""
+        speeds = np.abs(wheel_rad_s)
+        slowest = float(speeds[speeds >= counted * speeds.max()].min())
+        return max(1.0, self._least / slowest) if slowest else 1.0
 
 
 class Driving:
@@ -72,21 +78,21 @@ class Driving:
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.closes = self.last and not self.rigid and self.mission.closes
         self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
-        self.begun = self.belief.q.copy()
+        self.begun, self._slips = self.belief.q.copy(), np.zeros(POSE)
         if self.belief.guard is not None:
             self.belief.guard.begin(self.begun)
-        self._before, self._best, self._looks = math.inf, math.inf, 0
+        self._best, self._looks = math.inf, 0
         self._nearer_s = _FELT_S if self.closes else self.patience.come_nearer_s
         self._left_s = self._nearer_s  # of driving: looks do not count
 
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
 
-        So it is before a bend, where a task is done, and at the end.
+        So it is before a bend, where a task is done that is no path, and at the end.
         """
         phases = self.course.plan.phases
         if self.index == len(phases) - 1:
-            return False, True
+            return False, not self.mission.ends_on_path
         after = phases[self.index + 1]
         bends = self.mission.rests and self.rigid and not is_rigid(after.mode)
         return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
@@ -100,7 +106,7 @@ class Driving:
         planned, off, over = course.planned, self._off(), course.clock_s >= self.phase.end_s
         if (over and off <= self._near_enough()) or self._left_s <= 0.0:
             return self.ended()
-        self._keep_within(planned)
+        self._keep_within()
         self.mission.check_held()
         time_s = course.clock_s + (belief.camera.period_s if over else 0.0)  # then the path rests
         slower = 1.0
@@ -108,18 +114,39 @@ class Driving:
             soon = course.plan.trajectory.configuration(course.clock_s + _SOON_S)
             slower = belief.guard.pace(np.vstack([belief.q, soon]), belief.deviation)
         pace = min(slower, self.patience.tube / off) if off else slower
-        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen, pace)).wheel_rad_s
+        measured = self._seen + (0.0 if over else self._slipping(pace))
+        wheels = run.tracker.step(Measurement(time_s, self.index, measured, pace)).wheel_rad_s
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
         soft_for_s = course.soft_for_s + (np.inf if self._looks else 0.0)  # again: for how long?
-        command = Command(run.setpoint_C, period_s, shape(wheels), mode, planned, soft_for_s)
+        turned = shape(wheels, 1.0 if self.rigid else _COUNTED)
+        command = Command(run.setpoint_C, period_s, turned, mode, planned, soft_for_s)
         if not over:
             course.clock_s = min(course.clock_s + pace * period_s, self.phase.end_s)
         self._left_s -= period_s
         if not over or off < self.patience.stuck * self._best:
             self._left_s, self._best = self._nearer_s, off
         return command
+
+    def _slipping(self, pace: float) -> Array:
+        """How much farther off than seen a robot is that pulls something, (3 + n,): it slips on.
+
+        It is the integral of what it is off, in b0, as much as it is fast.
+        """
+        away = np.zeros_like(self.belief.q)
+        if self.rigid and self.mission.pulls:
+            course = self.course
+            soon = course.plan.trajectory.configuration([course.clock_s + _SLIPS_S])[0]
+            speed = pace * math.dist(soon[:2], course.planned[:2]) / _SLIPS_S
+            seen = self._seen
+            turn = rotation(seen[2])
+            away[:POSE] = (seen - course.planned)[:POSE]
+            away[:2] = away[:2] @ turn.T
+            self._slips += speed * self.belief.camera.period_s * away[:POSE]
+            away[:POSE] = _SLIPS_PER_M2_S * speed * self._slips
+            away[:2] = away[:2] @ turn
+        return away
 
     def _standing(self) -> Next | None:
         """Rest while the robot is not in the mode, or nothing sees it; None: it may drive."""
@@ -143,20 +170,15 @@ class Driving:
         return self._looked()
 
     def _looked(self) -> Next:
-        before, self._before = self._before, self._off()
         self._looks += 1
-        doubtful = self._before + self._uncertain() > ACCEPTED
-        tries = self._before <= self.patience.nearer * before
-        tries |= doubtful and self._looks <= self.patience.tries
-        if tries and self._near_enough() < self._before:
+        doubtful = self._off() + self._uncertain() > ACCEPTED
+        if doubtful and self._looks <= self.patience.tries:
             self._left_s, self._best = self._nearer_s, math.inf
             return self
         return self._judged_pose() if self.rigid else self._judged_bends()
 
     def _judged_pose(self) -> Next:
-        away = self.belief.q - self.course.planned
-        away[2] = math.remainder(float(away[2]), math.tau)
-        if self.bends and self.belief.accuracy.of_pose(away) > 1.0:
+        if self.bends and self.belief.accuracy.of_pose(self.course.away) > 1.0:
             raise AstrayError("the robot is not where it is to bend")
         return self.run.phase_done(self.index)
 
@@ -189,7 +211,8 @@ class Driving:
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
         """
-        q = self.mission.steered(self.belief.q.copy())
+        over = self.course.clock_s >= self.phase.end_s
+        q = self.mission.steered(self.belief.q.copy(), over=over)
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
             aimed = self._right_at_once(q)
@@ -238,20 +261,23 @@ class Driving:
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
 
-    def _keep_within(self, planned: Array) -> None:
+    def _keep_within(self) -> None:
         """Leave the plan where the robot has left its corridor, or soft segments bend apart."""
         belief, patience = self.belief, self.patience
-        away, soft = belief.q - planned, self.soft
-        turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
+        away, soft = self.course.away, self.soft
+        turn, far_m = float(away[2]), math.hypot(away[0], away[1])
         lost = far_m > patience.corridor_m or abs(turn) > patience.corridor_rad
         if self.rigid and belief.guard is not None:
-            lost = belief.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
+            lost = belief.guard.off_m(away) > patience.narrow_m
         if lost:
             away_mm = f"{1e3 * far_m:z.0f} mm"
             raise AstrayError(f"the robot is {away_mm} and {abs(turn):z.2f} rad from the plan")
         if not soft or self.closes:  # what it closes round may bend them apart
             return
-        apart = float(np.ptp(away[POSE:][soft])) / 2
+        kappa, asked = belief.q[POSE:][soft], self.course.planned[POSE:][soft]
+        uneven = asked - asked.mean()
+        left = np.clip((kappa - kappa.mean()) @ uneven / max(uneven @ uneven, _ROUNDING), 0.0, 1.0)
+        apart = float(np.ptp(kappa - left * uneven)) / 2  # more than bends that have evened out
         bent = (belief.q - self.begun)[POSE:][soft]
         if apart > max(patience.stiff_per_m, _STIFF * abs(float(bent.mean()))):
             text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"

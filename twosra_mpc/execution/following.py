@@ -33,7 +33,6 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.limits import CLEARANCE
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import wrapped
 from twosra_mpc.robot.modes import Mode, sequence_name
 
 _LESS_ROOM = 0.7  # of a clearance that no plan keeps
@@ -128,7 +127,8 @@ class Following(PlanPolicy):
         """Drive a phase; after the last, look where the robot has come to."""
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
-            return look_at_robot(belief, self._at_the_end)
+            surely = belief.accuracy.surely(np.abs(belief.error) + 2 * belief.deviation)
+            return self._at_the_end() if surely else look_at_robot(belief, self._at_the_end)
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self.driving = Driving(self, index)
@@ -185,10 +185,8 @@ class Following(PlanPolicy):
         if belief.guard is None or belief.mode is None:
             return False
         self._stopped_s = self.course.clock_s
-        away = belief.q - self.course.planned
-        away[2] = wrapped(away[2])
         near = belief.guard.forbids(belief.mode, belief.q[None], belief.deviation)
-        near |= belief.guard.off_m(away) > _NEAR_PLAN * self.patience.narrow_m
+        near |= belief.guard.off_m(self.course.away) > _NEAR_PLAN * self.patience.narrow_m
         return not near and self._stopped_s >= before_s + _ON_S
 
     def _astray(self, text: str, *, melting_on: bool) -> Next:

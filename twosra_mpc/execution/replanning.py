@@ -54,7 +54,7 @@ class Replanning:
         self._run, self._belief = run, run.belief
         self._until_s = run.belief.now_s + (run.melt_on_s() if melting_on else 0.0)
         self._cooled = set(range(len(run.belief.setpoint_C)) if cooling else ())
-        self._told = self._resting = False
+        self._resting = False
         self._left: Problem | None = None  # what is being planned
         run.driving = None
 
@@ -70,8 +70,7 @@ class Replanning:
         stiffness, solid = belief.reading.stiffness, run.broken | self._cooled
         changing = belief.mode is None and (self._resting or None in belief.metal)
         changing |= any(stiffness[j] != "rigid" for j in solid)
-        if changing or belief.now_s < self._until_s or not self._told:
-            self._told = True  # to stand
+        if changing or belief.now_s < self._until_s or not belief.stands:
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
         if run.mission.holding is not None and set(stiffness) != {
             "rigid"
@@ -94,7 +93,7 @@ class Replanning:
         except InputError as error:
             return self._failed(str(error))
         if result is None:
-            return rest(belief, self._as_they_become(), run.patience.rest_s)
+            return rest(belief, self._as_they_become(), belief.camera.period_s)
         if result.plan is None or not result.found:  # a plan that does not verify is none
             return self._failed(result.message)
         return run.adopt(result.plan)

@@ -33,7 +33,6 @@ class Patience(Value):
         stuck: After its time a phase is given as long again whenever the deviation has come down
             to this part of what it was.
         tries: How often the end of a phase is driven for again where it may be too far off.
-        nearer: A phase whose deviation is not less than this part of the one before it ends.
         known: Share that the standard deviation may have at most where a goal counts as reached.
         certain: Share that the standard deviation shall come down to in a look.
         certain_of_a_melt: The same in a long look.
@@ -67,8 +66,7 @@ class Patience(Value):
     loose: Positive = 3.0
     tube: Positive = 5.0
     stuck: Positive = 0.7
-    tries: Count = 3
-    nearer: Positive = 0.9
+    tries: Count = 4
     known: Positive = 0.5  # of 50 runs at `moderate` and 8 at `hard` the largest was 0.17
     certain: Positive = 0.15
     certain_of_a_melt: Positive = 0.08

@@ -146,7 +146,7 @@ def plan_until_interrupted(
 
         if than_s == math.inf:
             with limited(problem.work_limit, problem.time_limit_s):
-                return plan_policy(problem, on_progress)
+                return plan_policy(problem, on_progress, worth_s)
         excluded = RELYING  # what is known to be best counts on nothing more
     return searched(problem, on_progress, excluded, than_s, worth_s)
 

@@ -7,6 +7,7 @@ with melts and freezes in series. A policy is a plan with that recourse, and its
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -38,7 +39,9 @@ RELYING = Sequences(relies)
 RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) is None)
 
 
-def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
+def plan_policy(
+    problem: Problem, on_progress: Callable[[Progress], None] | None = None, worth_s: float = 0.0
+) -> Result:
     """Plan with recourse: the best by ``problem.risk`` of three plans, with its policy.
 
     One is the plan of a robot whose joint bends end where they are planned. The others rely on
@@ -47,12 +50,17 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
     Args:
         problem: The problem.
         on_progress: Called as the first search proceeds.
+        worth_s: What is better by no more than that is not looked for; nor, unless it is 0, are
+            bounds of the cost of policies.
     """
-    first = searched(problem, on_progress=on_progress)
+    first = searched(problem, on_progress=on_progress, worth_s=worth_s)
     if first.plan is None or not first.found or first.ending is Ending.INTERRUPTED:
         return first
     try:
-        made, policy = _best(first.plan)
+        made, policy = _best(first.plan, worth_s)
+        if not worth_s:
+            bounds = least_costs_s(problem, problem.robot.joint_bends, policy.cost_s)
+            policy = policy._replace(lower_bound=bounds[0], known_bound=bounds[1])
     except KeyboardInterrupt:
         return replace(first, ending=Ending.INTERRUPTED)
     except OutOfEffortError:
@@ -65,31 +73,30 @@ def plan_policy(problem: Problem, on_progress: Callable[[Progress], None] | None
     return replace(first, plan=made, status=made.status, words=words, policy=policy, stats=stats)
 
 
-def _best(plan: Plan) -> tuple[Plan, Policy]:
+def _best(plan: Plan, worth_s: float) -> tuple[Plan, Policy]:
     """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
-    problem, made = plan.problem, plan
+    plans, problem, least_s = [plan], plan.problem, math.inf
     bends = problem.robot.joint_bends
-    policy = _policy(plan, bends)
-    for excluded in (RELYING, RELYING_OR_ALONE) if policy.branches else ():
-        if (other := _found(problem, excluded)) is None:
+    for excluded in (RELYING, RELYING_OR_ALONE) * any(surprise(plan, each) for each in bends):
+        if (other := _found(problem, excluded, worth_s)) is None:
             break
-        surer = _policy(other, bends)
-        if surer.cost_s < policy.cost_s:
-            made, policy = replace(other, lower_bound=plan.lower_bound), surer
+        plans.append(replace(other, lower_bound=plan.lower_bound))
         if bent_before(other.sequence) is not None:  # the next would be the same
             break
-    least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
-    return made, policy._replace(lower_bound=least_s, known_bound=known_s)
+    for each in (*plans[1:], plan):  # what needs no recourse is priced at once
+        if (priced_so := _policy(each, bends, least_s, worth_s)) is not None:
+            made, policy, least_s = each, priced_so, priced_so.cost_s
+    return made, policy
 
 
-def _found(problem: Problem, excluded: Container[ModeSequence]) -> Plan | None:
+def _found(problem: Problem, excluded: Container[ModeSequence], worth_s: float) -> Plan | None:
     """The best plan, if any is found.
 
     Raises:
         KeyboardInterrupt: At Ctrl-C.
         OutOfEffortError: If there is no effort left to look for one.
     """
-    found = searched(problem, excluded=excluded)
+    found = searched(problem, excluded=excluded, worth_s=worth_s)
     if found.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     if found.stopped_early and not found.found:
@@ -102,34 +109,33 @@ def _known_s(plan: Plan) -> float:
     return plan.duration_s if plan.confirmed_s is None else plan.confirmed_s
 
 
-def _policy(plan: Plan, bends: Sequence[JointBend]) -> Policy:
-    """The plan with what is done wherever a joint bend misses, or is right by chance."""
+def _policy(plan: Plan, bends: Sequence[JointBend], most_s: float, worth_s: float) -> Policy | None:
+    """The plan with what is done wherever a joint bend misses, or is right by chance.
+
+    None as soon as it is known to cost more than ``most_s``.
+    """
     share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
-    costs, found = list[tuple[float, float]](), dict[tuple[int, ModeSequence], list[_Outcome]]()
-    for bend in bends:
-        cost_s = planned_s
-        if (new := surprise(plan, bend)) is not None:
-            rest = _rest(plan, new.phase, new.kappa)
-            other_s = plan.known_end_s(new.phase) + (np.inf if rest is None else _known_s(rest))
-            if other_s < planned_s or not new.right:
-                cost_s, modes = other_s, () if rest is None else rest.sequence
-                same = found.setdefault((new.phase + 1, modes), [])
-                same.append(_Outcome(bend, new.off_per_m, cost_s))
-        costs.append((share, cost_s))
+    found = dict[tuple[int, ModeSequence], list[tuple[JointBend, float, float]]]()
+    surprises = [surprise(plan, bend) for bend in bends]
+    costs = [planned_s if new is None else _least_s(plan, new.phase) for new in surprises]
+    for k, (bend, new) in enumerate(zip(bends, surprises, strict=True)):
+        if new is not None:
+            rest = _rest(plan, new.phase, new.kappa, worth_s)
+            rest_s = np.inf if rest is None else _known_s(rest)
+            costs[k] = plan.known_end_s(new.phase) + rest_s
+            if costs[k] < planned_s or not new.right:
+                same = found.setdefault((new.phase + 1, () if rest is None else rest.sequence), [])
+                same.append((bend, new.off_per_m, costs[k]))
+            else:
+                costs[k] = planned_s
+        if (cost_s := priced(((share, each) for each in costs), risk)) > most_s:
+            return None
     branches = []
     for (phase, modes), same in sorted(found.items()):
-        when = _how([each.bend for each in same])
-        off, mean_s = min(each.off_per_m for each in same), np.mean([each.cost_s for each in same])
-        branches.append(Branch(share * len(same), phase, when, off, modes, float(mean_s)))
-    return Policy(risk, priced(costs, risk), planned_s, tuple(branches))
-
-
-class _Outcome(NamedTuple):
-    """A joint bend that surprises: how far it is off [1/m], and what all costs then [s]."""
-
-    bend: JointBend
-    off_per_m: float
-    cost_s: float
+        own, off_per_m, each_s = zip(*same, strict=True)
+        shown = _how(own), min(off_per_m), modes, float(np.mean(each_s))
+        branches.append(Branch(share * len(same), phase, *shown))
+    return Policy(risk, cost_s, planned_s, tuple(branches))
 
 
 def _how(bends: Sequence[JointBend]) -> str:
@@ -200,12 +206,22 @@ def surprise(plan: Plan, bend: JointBend) -> Surprise | None:
     return None
 
 
-def _rest(plan: Plan, phase: int, kappa: Array) -> Plan | None:
+def _least_s(plan: Plan, phase: int) -> float:
+    """Least time of a run in which the rest is planned again after a phase.
+
+    What is soft has to freeze, also where nothing was to melt any more.
+    """
+    later = plan.phases[phase + 1 :]
+    frozen_s = _known_s(plan) - sum(each.end_s - each.start_s for each in later)
+    return plan.known_end_s(phase) if any(any(each.mode) for each in later) else frozen_s
+
+
+def _rest(plan: Plan, phase: int, kappa: Array, worth_s: float) -> Plan | None:
     """The plan of what is left after a joint bend that has ended at these curvatures, if any."""
     try:
         left = plan.rest_at(plan.phases[phase].end_s)
         bent = tuple(bent_back(plan.robot, kappa).tolist())
         start = left.start.with_values(kappa_per_m=bent)
-        return _found(left.with_values(start=start), RELYING)
+        return _found(left.with_values(start=start), RELYING, worth_s)
     except InputError:  # it would be where it must not
         return None

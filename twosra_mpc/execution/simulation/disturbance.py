@@ -39,7 +39,8 @@ class Disturbance:
         object_gap: Frames between those in which objects are looked for.
         objects_lost: Share of those in which an object is not found.
         delay_frames: Least and largest delay of the frames.
-        planning_s: How long the rest is planned when it is; the last command stays in force.
+        unit_s: How long a unit of work takes when the rest is planned; the last command stays in
+            force meanwhile.
         clearance_m: With so much of it the guard stops no rigid drive.
     """
 
@@ -59,7 +60,7 @@ class Disturbance:
     object_gap: Count = 0
     objects_lost: Share = 0.0
     delay_frames: Annotated[tuple[Count, Count], Range()] = (0, 0)
-    planning_s: NonNegative = 0.0
+    unit_s: NonNegative = 0.0
     clearance_m: NonNegative = 0.005
 
 
@@ -92,7 +93,7 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "object_gap": (0, 1, 2),  # assumed
     "objects_lost": (0.01, 0.05, 0.2),  # assumed
     "delay_frames": ((1, 1), (1, 2), (2, 2)),  # assumed, of 15 Hz
-    "planning_s": (1.0, 2.0, 5.0),  # half of them take less than 0.5 s, among obstacles some 5 s
+    "unit_s": (0.001, 0.002, 0.005),  # assumed: as fast as usual machines, a half, a fifth
     # The most that one of 96 to 103 drives of 2sra-v1 in free space needed, rounded up:
     # ``python -m benchmarks departure``. Nine of ten drives at `hard` need 39 mm.
     "clearance_m": (0.015, 0.025, 0.075),

@@ -182,6 +182,7 @@ class SimulatedRobot:
         robot: The robot as described, not as it is.
         camera: What is known about the camera.
         segments: Its segments, as they are.
+        physics: Masses, stiffness and friction, as they are in a rigid-body engine.
     """
 
     def __init__(
@@ -224,10 +225,11 @@ class SimulatedRobot:
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
-        if physics:  # all else is drawn in any case: one seed, the same heat and sensors
-            width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])
-            physical = self._true.true_physics.drawn(width, rng)
-            self._motion = Engine(problem, self._true, physical, self._melted)
+        # All else is drawn in any case: one seed, the same heat and sensors.
+        rng = np.random.default_rng([seed, 3])
+        self.physics = self._true.true_physics.drawn(what.thermal_ranges, rng)
+        if physics:
+            self._motion = Engine(problem, self._true, self.physics, self._melted)
             if viewer:
                 self._motion.view()
         elif viewer:
@@ -309,7 +311,8 @@ class SimulatedRobot:
     def think(self, problem: Problem) -> Result | None:
         """Plan while time passes for the robot; None as long as the disturbance says it takes."""
         if self._thought is None:
-            self._thought = plan_again(problem), self.time_s + self._disturbance.planning_s
+            made = plan_again(problem)
+            self._thought = made, self.time_s + self._disturbance.unit_s * (made.stats.work or 0.0)
         result, end_s = self._thought
         if end_s - self.time_s > _INSTANT_S:
             return None

@@ -17,6 +17,7 @@ from twosra_mpc.lab.serial.port import SystemClock
 from twosra_mpc.lab.serial.pose_lines import pose_lines
 from twosra_mpc.lab.serial.robot import RATE_HZ
 from twosra_mpc.lab.serial.stream import Confirm, StreamState, check_sendable, preview, stream
+from twosra_mpc.planning.policy import relies
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
@@ -105,6 +106,9 @@ def stream_command(
     problem = plan.problem.with_values(robot=robot)
     plan = replace(plan, trajectory=replace(plan.trajectory, problem=problem))
     check_sendable(plan, Confirm(confirm))
+    if problem.risk == "nominal" and robot.uncertainty is not None and relies(plan.sequence):
+        advice = "may share a bend unequally: a plan made with --risk mean takes less on average"
+        click.echo(f"twosra: segments that are soft at once {advice}", err=True)
     if port is None:
         sent = preview(plan, rate_Hz)
         output.report(lambda: sent, lambda: robot_line.show_lines(sent))

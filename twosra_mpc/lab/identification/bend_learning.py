@@ -91,17 +91,17 @@ def _told(run: Run, robot: Robot, mode: Mode, start_s: float, end_s: float) -> T
     asked = float((facts.coordinates(rolled_to)[soft] - w[first]).mean())
     least = facts.coordinate(LEAST_BEND_RAD / robot.geometry.lengths_m[soft[0]], soft[0])
     gain = moved / asked if abs(asked) >= least else math.nan
-    if len(soft) != 2:
+    seen = facts.coordinates(log.measured[first : last + 1, POSE:])[:, soft]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    if len(soft) != 2 or not len(seen):
         return Told(math.nan, math.nan, gain)
-    apart = w @ [1.0, -1.0]
-    parted = apart[min(last, len(w) - 1)] - apart[first]
+    bent, apart = seen.mean(axis=1) - w[first].mean(), seen @ [1.0, -1.0]
+    bends = len(seen) > 1 and abs(moved) >= least
+    slope, begun = np.polyfit(bent, apart, 1) if bends else (math.nan, apart.mean())
     rigid = np.flatnonzero((log.stiffness[:first, soft] == 0).any(axis=1))
-    before = apart[rigid[-1]] if len(rigid) else 0.0
-    return Told(
-        split=float(parted / (2 * moved)) if abs(moved) >= least else math.nan,
-        relaxation=float(1 - apart[first] / before) if abs(before) >= least else math.nan,
-        gain=gain,
-    )
+    before = w[rigid[-1]] @ [1.0, -1.0] if len(rigid) else 0.0
+    relaxation = float(1 - begun / before) if abs(before) >= least else math.nan
+    return Told(float(slope / 2), relaxation, gain)
 
 
 def learned(
