@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.studies.attack import AttackStudy
-from benchmarks.studies.carried import Carried
+from benchmarks.studies.carried import OUTLINES, Carried
 from benchmarks.studies.certificate import Certificate
 from benchmarks.studies.closed_loop import ClosedLoop
 from benchmarks.studies.closed_loop_missions import ClosedLoopMissions
@@ -124,7 +124,7 @@ FULL: dict[str, dict[str, Any]] = {  # what differs where hours do not matter
     "closed-loop-scenes": {"problems": ("scenes-100",)},
     "physics": {"seeds": 8, "executors": ("optimal", "greedy")},
     "closed-loop-missions": {"seeds": 10},
-    "carried": {"paths": 12, "robots": 3},
+    "carried": {"outlines": tuple(OUTLINES), "paths": 12, "robots": 3},
     "departure": {"problems": ("random-100:25",), "seeds": 2},
     "faults": {"count": 100, "executors": ("optimal", "greedy")},
     "lying": {"count": 40, "sound": 1000},

@@ -64,7 +64,7 @@ class Carried(Study):
     question: ClassVar = "Objects led along curves on rigid bodies: how far off are they?"
     measures: ClassVar = RUNNING
 
-    outlines: Names = tuple(OUTLINES)
+    outlines: Names = ("disc", "box", "ellipse")
     paths: Count = 1
     robots: Count = 1
     level: str = "moderate"
@@ -94,12 +94,15 @@ class Carried(Study):
         q = made.trajectory.configuration(t_s)
         moved = composed(inverse(q[:-1, :POSE]), q[1:, :POSE])
         own = made.robot, q[0, POSE:], made.problem.objects[0], held.pose_in_b0
+        needs_N = pull(*own, moved) * physics.drag_N
+        pulls_N = physics.pull_N(made.robot.geometry)
         done_s = found.run.done_s[1:]
         return {
             **found.metrics._asdict(),
             "planned_s": end_s - begin_s,
-            "needs_N": pull(*own, moved) * physics.drag_N,
-            "pulls_N": physics.pull_N(made.robot.geometry),
+            "needs_N": needs_N,
+            "pulls_N": pulls_N,
+            "can_pull": needs_N <= pulls_N,
             "drive_s": done_s[-1] - done_s[0] if len(done_s) > 1 else None,
         }
 

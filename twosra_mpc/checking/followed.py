@@ -137,7 +137,7 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
         float(line.length_m[-1] - along_m[-1]),
         near_m,
         np.hypot(*(then - line.at(due[:, 0])).T),
-        np.interp(due[:, 0] - near_m, along_m, t_s[marks]) - sets_off_s - due[:, 1],
+        np.fmax(np.interp(due[:, 0] - near_m, along_m, t_s[marks]) - sets_off_s - due[:, 1], 0.0),
     )
 
 

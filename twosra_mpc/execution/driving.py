@@ -134,19 +134,18 @@ class Driving:
 
         It is the integral of what it is off, in b0, as much as it is fast.
         """
-        away = np.zeros_like(self.belief.q)
+        more, course = np.zeros_like(self.belief.q), self.course
         if self.rigid and self.mission.pulls:
-            course = self.course
             soon = course.plan.trajectory.configuration([course.clock_s + _SLIPS_S])[0]
             speed = pace * math.dist(soon[:2], course.planned[:2]) / _SLIPS_S
             seen = self._seen
-            turn = rotation(seen[2])
-            away[:POSE] = (seen - course.planned)[:POSE]
-            away[:2] = away[:2] @ turn.T
-            self._slips += speed * self.belief.camera.period_s * away[:POSE]
-            away[:POSE] = _SLIPS_PER_M2_S * speed * self._slips
-            away[:2] = away[:2] @ turn
-        return away
+            to_b0 = np.eye(POSE)
+            to_b0[:2, :2] = rotation(seen[2]).T
+            self._slips += (
+                speed * self.belief.camera.period_s * (seen - course.planned)[:POSE] @ to_b0
+            )
+            more[:POSE] = _SLIPS_PER_M2_S * speed * self._slips @ to_b0.T
+        return more
 
     def _standing(self) -> Next | None:
         """Rest while the robot is not in the mode, or nothing sees it; None: it may drive."""

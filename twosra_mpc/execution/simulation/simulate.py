@@ -197,9 +197,7 @@ class Simulation(ArrayValue):
             squeezed=truth.squeezed,
             off_path_mean_m=float(np.concatenate(off_m).mean()) if off_m else None,
             off_path_m=float(np.concatenate(off_m).max()) if off_m else None,
-            late_s=max(
-                (max(s, 0.0) for each in followed for s in each.late_s.tolist()), default=None
-            ),
+            late_s=max((float(s) for each in followed for s in each.late_s), default=None),
         )
 
     def to_dict(self) -> dict[str, Any]:
