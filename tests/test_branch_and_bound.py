@@ -286,7 +286,7 @@ def test_a_leaf_that_costs_less_than_its_own_bound_is_an_error(slack: dict[Path,
 def test_a_first_look_that_finds_less_than_the_bound_of_its_leaf_is_an_error() -> None:
     tree = RandomTree({(0,): 5.0}, {(0,): -3.0}, {(0,): 5.0}, 3)
     with pytest.raises(ContradictionError):
-        dive(tree, tree.children, width=1, attempts=1, tries=2, out_of_time=lambda: False)
+        next(dive(tree, tree.children, width=1, attempts=1, tries=2, out_of_time=lambda: False))
 
 
 def test_what_tolerances_take_off_a_cost_is_no_contradiction() -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from grasps import cube, disc
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import nnls
+from scipy.optimize import linprog, nnls
 
 from twosra_mpc import load_robot
-from twosra_mpc.contact.grip import PushingCone, pushing_cone
+from twosra_mpc.contact.grip import PushingCone, pull, pushing_cone
 from twosra_mpc.contact.touch import grasp_touches
+from twosra_mpc.problem.speeds import drive_rows
 
 V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")
 AHEAD, BACK = [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]
@@ -107,3 +109,24 @@ def test_embraced_from_all_sides_with_friction_it_follows_everything() -> None:
     turning = [[-touch.pose_in_b0[1], touch.pose_in_b0[0], -1.0]]
     assert not without.holds(turning).any()
     assert without.holds([AHEAD, BACK]).tolist() == [True, True]
+
+
+@given(seeds, st.lists(st.floats(-40.0, 40.0), min_size=2, max_size=2))
+@settings(max_examples=10)
+def test_wheels_pull_as_little_as_any_forces_along_their_rims(
+    seed: int, kappa: list[float]
+) -> None:
+    pose = np.array([0.004, 0.035, 0.3])
+    wheels = drive_rows(V1, kappa)[1] * V1.geometry.wheel_radius_m
+    for twist in some_twists(seed, 3):
+        found = pull(V1, np.array(kappa), disc(0.03), pose, twist[None])
+        u, v, r = twist
+        wide_m, (x, y) = 0.6 * 0.03, pose[:2]  # c of a disc
+        load = np.array([u - r * y, v + r * x, wide_m**2 * r])
+        force = load / np.hypot(np.hypot(load[0], load[1]), wide_m * r)
+        force[2] += x * force[1] - y * force[0]
+        sizes = np.concatenate([np.zeros(4), [1.0]])  # least largest force that balances it
+        most = np.vstack([np.c_[np.eye(4), -np.ones(4)], np.c_[-np.eye(4), -np.ones(4)]])
+        balanced = np.c_[wheels.T, np.zeros(3)]
+        best = linprog(sizes, most, np.zeros(8), balanced, force, bounds=(None, None))
+        assert found == pytest.approx(best.fun, rel=1e-3)  # a disc's corners stand for it

@@ -15,6 +15,7 @@ from once import planned, solved
 
 import twosra_mpc.analysis.alternatives as alternatives_module
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
+import twosra_mpc.planning.solver.turning_drive as turning_drive
 from twosra_mpc import InputError, Plan, PlanInterrupted, Status, effort, load_problem, plan
 from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
@@ -369,7 +370,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
 def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sequence_solver, "turning_drives", Mock(side_effect=KeyboardInterrupt))
+    monkeypatch.setattr(turning_drive, "turning_drives", Mock(side_effect=KeyboardInterrupt))
     told = interrupted_explanation(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)
@@ -387,7 +388,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(effort, "time", SimpleNamespace(process_time=lambda: now))
-    monkeypatch.setattr(sequence_solver, "turning_drives", interrupted)
+    monkeypatch.setattr(turning_drive, "turning_drives", interrupted)
     told = interrupted_explanation(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED
     assert not told.complete

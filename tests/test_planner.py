@@ -15,6 +15,7 @@ from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, rando
 
 import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
+import twosra_mpc.planning.solver.turning_drive as turning_drive
 from twosra_mpc import (
     ContradictionError,
     Goal,
@@ -186,7 +187,7 @@ def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
 
 def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     drives = Mock(side_effect=[(), KeyboardInterrupt])  # the second, once there is a bound
-    monkeypatch.setattr(sequence_solver, "turning_drives", drives)
+    monkeypatch.setattr(turning_drive, "turning_drives", drives)
     with pytest.raises(PlanInterrupted, match="interrupted") as raised:  # which ends a user's loop
         plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     result = raised.value.result

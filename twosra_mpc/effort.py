@@ -58,6 +58,7 @@ class Cost:
     OUTLINE = 300  # the distance of the drawn robot
     POINT = 30  # of a plane, and how far the drawn robot is from it
     BOX = 5  # a thousand of poses of an object that a disc in it may block
+    BEND = 1800  # a look at whether a bend passes a forbidden shape
     CELL = 300  # a thousand cells of the plane of shapes in a bend
     # Among obstacles and objects.
     DISTANCE = 11  # a piece, or all, against a part of an obstacle, by separating axes
@@ -74,7 +75,7 @@ class Cost:
     WAY = 6  # a node of a map that is searched
     SHAPE = 2000  # another shape on the way
     CHAIN = 60  # a thousand legs that a chain of stations may have
-    KEPT = 1  # what was kept: as much as it cost when it was made
+    KEPT = 1  # what was kept, when it is first asked for: as much as it cost when it was made
 
 
 class Ending(Word):
@@ -96,6 +97,7 @@ class Account:
     def __init__(self, work: float, cpu_s: float, given_up: Callable[[], bool]) -> None:
         """With a limit in parts of a unit, one of CPU time from now on, and who may end it."""
         self.work, self.spent, self.given_up = work, 0, given_up
+        self.paid = dict[Hashable, int]()  # what was kept and is counted here, with its own cost
         self.until_s = time.process_time() + cpu_s
         self.look_at = 0  # work at which the clock is looked at next
 
@@ -128,7 +130,7 @@ _ACCOUNT: ContextVar[Account] = ContextVar("account", default=_UNLIMITED)
 @contextmanager
 def limited(
     work: float, cpu_s: float, given_up: Callable[[], bool] | None = None
-) -> Iterator[None]:
+) -> Iterator[Account]:
     """Limit the work [units] and the CPU time [s] of a block; what is around it holds, too.
 
     So does ``given_up``: true once nobody waits for the work any more, asked every few units.
@@ -139,7 +141,7 @@ def limited(
     account = Account(min(parts, left[0]), min(cpu_s, left[1]), given_up or outer.given_up)
     token = _ACCOUNT.set(account)
     try:
-        yield
+        yield account
     finally:
         _ACCOUNT.reset(token)
         outer.spent += account.spent
@@ -185,22 +187,26 @@ def out_of_effort() -> bool:
 def remembered(most: int) -> Callable[[Callable[Given, Made]], Callable[Given, Made]]:
     """Keep the last results of a function, as ``lru_cache`` does, with what they cost.
 
-    They cost as much each time: so the work of a plan is not less after another one.
+    They, and what was kept to make them, cost as much once under each limit: so the work of a plan
+    is not less after another one.
     """
 
     def decorate(make: Callable[Given, Made]) -> Callable[Given, Made]:
         @lru_cache(most)
-        def kept(*args: Hashable, **kwargs: Hashable) -> tuple[Made, int]:
-            account = _ACCOUNT.get()
-            before = account.spent
-            made = make(*args, **kwargs)  # type: ignore[arg-type]
-            cost, account.spent = account.spent - before, before
-            return made, cost
+        def kept(*args: Hashable, **kwargs: Hashable) -> tuple[Made, dict[Hashable, int]]:
+            with limited(math.inf, math.inf) as account:
+                made = make(*args, **kwargs)  # type: ignore[arg-type]
+            _ACCOUNT.get().spent -= account.spent
+            own = account.spent - sum(account.paid.values())
+            return made, {**account.paid, (make, args, *kwargs.items()): own}
 
         def asked(*args: Given.args, **kwargs: Given.kwargs) -> Made:
-            made, cost = kept(*args, **kwargs)  # type: ignore[arg-type]
-            if cost:
-                charge(Cost.KEPT, cost)
+            made, costs = kept(*args, **kwargs)  # type: ignore[arg-type]
+            account = _ACCOUNT.get()
+            owed = {key: cost for key, cost in costs.items() if key not in account.paid}
+            if owed:
+                charge(Cost.KEPT, sum(owed.values()))
+                account.paid |= owed if account is not _UNLIMITED else {}
             return made
 
         return update_wrapper(asked, make)

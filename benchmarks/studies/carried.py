@@ -10,15 +10,20 @@ import numpy as np
 
 from benchmarks.study import RUNNING, Count, Measured, Names, Study
 from twosra_mpc import Plan, Problem, plan
+from twosra_mpc.contact.grip import pull
 from twosra_mpc.errors import NoPlanError
+from twosra_mpc.execution.simulation.disturbance import disturbance_level
+from twosra_mpc.execution.simulation.plant import PHYSICS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.plans.carried import carried
 from twosra_mpc.problem.polyline import Polyline, flattened
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.validation import Positive
 
 _SIDES = 40
 _AT = 0.25, 0.05, 0.3  # object at t = 0
 _BEGIN = 0.30, 0.10  # of its path
+_LOOKS = 200  # at the drive along it
 _LONG_M, _TIGHTEST_M = (1.2, 1.8), 0.08  # of paths: as the authors'
 
 
@@ -38,7 +43,7 @@ OUTLINES: Mapping[str, dict[str, Any]] = {
 
 
 class Case(NamedTuple):
-    """A run: an outline, a random path, and the robot of a seed."""
+    """A run: an outline, a random path, and the robot of a seed, its own."""
 
     outline: str
     path: int
@@ -68,9 +73,10 @@ class Carried(Study):
     def cases(self) -> Iterator[Case]:
         """Yield the runs."""
         for path in range(self.paths):
-            for outline in self.outlines:
+            for number, outline in enumerate(self.outlines):
                 for robot in range(self.robots):
-                    yield Case(outline, path, 1 + path * self.robots + robot)
+                    seed = (path * len(self.outlines) + number) * self.robots + robot
+                    yield Case(outline, path, 1 + seed)
 
     def run(self, case: Case) -> dict[str, Any]:
         """Run the same plan on the robot of this seed; its ``Metrics``, and times on the path."""
@@ -78,14 +84,22 @@ class Carried(Study):
             made = _planned(case.outline, case.path, self.tolerance_m)
         except NoPlanError as error:
             return {"ending": "no plan", "reason": str(error)}
+        level = disturbance_level(self.level)
+        physics = SimulatedRobot(made.problem, PHYSICS, level, case.seed).physics
         found = simulate(
-            made.problem, plan=made, plant="mujoco", disturbance=self.level, seed=case.seed
+            made.problem, plan=made, plant=PHYSICS, disturbance=self.level, seed=case.seed
         )
         _, begin_s, end_s = made.trajectory.done_s
+        (held,), t_s = carried(made.trajectory), np.linspace(begin_s, end_s, _LOOKS)
+        q = made.trajectory.configuration(t_s)
+        moved = composed(inverse(q[:-1, :POSE]), q[1:, :POSE])
+        own = made.robot, q[0, POSE:], made.problem.objects[0], held.pose_in_b0
         done_s = found.run.done_s[1:]
         return {
             **found.metrics._asdict(),
             "planned_s": end_s - begin_s,
+            "needs_N": pull(*own, moved) * physics.drag_N,
+            "pulls_N": physics.pull_N(made.robot.geometry),
             "drive_s": done_s[-1] - done_s[0] if len(done_s) > 1 else None,
         }
 

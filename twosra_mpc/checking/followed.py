@@ -36,6 +36,7 @@ class Followed(NamedTuple):
         left_m: What it has not come to of the path.
         within_m: How far from the path it may be.
         due_m: How far from each point that has a time it is then, (k,).
+        late_s: How much later than due it has come so far, to within its tolerance, (k,).
     """
 
     t_s: Array
@@ -47,6 +48,7 @@ class Followed(NamedTuple):
     left_m: float
     within_m: float
     due_m: Array
+    late_s: Array
 
 
 OFF_PATH = "off its path"  # what is said of it, wherever numbers are called something
@@ -135,6 +137,7 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
         float(line.length_m[-1] - along_m[-1]),
         near_m,
         np.hypot(*(then - line.at(due[:, 0])).T),
+        np.interp(due[:, 0] - near_m, along_m, t_s[marks]) - sets_off_s - due[:, 1],
     )
 
 

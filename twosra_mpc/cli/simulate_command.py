@@ -148,7 +148,9 @@ def _off_path(found: Metrics) -> list[tuple[str, str]]:
     """Row about a path that was followed."""
     if found.off_path_mean_m is None or found.off_path_m is None:
         return []
-    return [(f"true error, {OFF_PATH}", off_words(found.off_path_mean_m, found.off_path_m))]
+    words = off_words(found.off_path_mean_m, found.off_path_m)
+    late = "" if found.late_s is None else f"; {found.late_s:z.1f} s late at worst"
+    return [(f"true error, {OFF_PATH}", words + late)]
 
 
 def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
@@ -183,6 +185,7 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
         "object error [mm]": ("object_m", 1e3),
         f"{OFF_PATH}, mean [mm]": ("off_path_mean_m", 1e3),
         f"{OFF_PATH}, worst [mm]": ("off_path_m", 1e3),
+        "late at worst [s]": ("late_s", 1.0),
     }
     rows = [("reached", f"{sum(each.reached for each in found)} of {len(found)}", "", "")]
     for words, (name, unit) in names.items():

@@ -11,14 +11,17 @@ can be that load; such twists are a polyhedral cone. For a pressure spread evenl
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array, inverse, rotation
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, contacts
 from twosra_mpc.space.footprint import footprint
@@ -111,16 +114,44 @@ def pushing_cone(
     q = np.concatenate([inverse(pose), np.asarray(kappa, dtype=float)])
     points, into = contacts(geometry, contour, q)
     turn = rotation(pose[2])
-    middle = contour.centroid @ turn + pose[:2]
+    middle, load = _load(contour, pose)
     points, into = points @ turn + pose[:2], into @ turn
-    wide = 0.6 * np.sqrt(contour.area_m2 / np.pi)
     across = friction * np.column_stack([-into[:, 1], into[:, 0]])
     forces = np.concatenate([into + across, into - across])
     arms = np.tile(points - middle, (2, 1))
-    torque = (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]) / wide
-    x, y = middle
-    load = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, wide]])  # of a twist of b0
+    torque = (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]) / load[2, 2]
     return PushingCone(points, _facets(np.column_stack([forces, torque])) @ load)
+
+
+def _load(contour: Contour, pose: Array) -> tuple[Array, Array]:
+    """Centroid in b0 (2,), and the load of a twist of b0, (3, 3): its torque over c."""
+    x, y = middle = contour.centroid @ rotation(pose[2]) + pose[:2]
+    wide = 0.6 * np.sqrt(contour.area_m2 / np.pi)
+    return middle, np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, wide]])
+
+
+def pull(robot: Robot, kappa: Array, thing: Object, pose_in_b0: Array, twists: Array) -> float:
+    """Most that one wheel has to pull while an object is moved, over the object's friction.
+
+    A wheel pulls along its rim alone: forces and torques that wheels of equal pull can give are a
+    zonotope, whose facets lie along two wheels each. What drags least is moved where they pull on
+    all four.
+
+    Args:
+        robot: The robot.
+        kappa: Its curvatures, (n,) [1/m].
+        thing: The object.
+        pose_in_b0: Where it is in the frame of b0, (3,).
+        twists: Body twists of b0, (m, 3).
+    """
+    wheels = drive_rows(robot, kappa)[1] * robot.geometry.wheel_radius_m
+    facets = np.array([np.cross(*two) for two in itertools.combinations(wheels, 2)])
+    facets = facets[np.linalg.norm(facets, axis=1) > _FLAT]
+    _, load = _load(Contour.of(thing.own), pose_in_b0)
+    loads = twists @ load.T
+    sizes = np.linalg.norm(loads, axis=1, keepdims=True)
+    forces = loads[sizes[:, 0] > 0] / sizes[sizes[:, 0] > 0] @ load
+    return float((np.abs(forces @ facets.T) / np.abs(facets @ wheels.T).sum(axis=1)).max())
 
 
 def _facets(generators: Array) -> Array:

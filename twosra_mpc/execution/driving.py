@@ -18,7 +18,7 @@ from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending
 from twosra_mpc.robot.accuracy import ACCEPTED
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, last_bent, soft_segments
 
@@ -30,6 +30,7 @@ _COUNTED = 0.2  # of the fastest wheel: in a bend slower ones make no difference
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
 _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
+_SLIPS_S, _SLIPS_PER_M2_S = 0.2, 150.0  # ahead its speed is looked at; as much, per (m/s)^2 and s
 _ROUNDING = 1e-9  # [1/m^2]
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
@@ -77,7 +78,7 @@ class Driving:
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.closes = self.last and not self.rigid and self.mission.closes
         self.scale = self.belief.accuracy.scale(plan.robot.coordinates)
-        self.begun = self.belief.q.copy()
+        self.begun, self._slips = self.belief.q.copy(), np.zeros(POSE)
         if self.belief.guard is not None:
             self.belief.guard.begin(self.begun)
         self._best, self._looks = math.inf, 0
@@ -87,11 +88,11 @@ class Driving:
     def _goes_on(self) -> tuple[bool, bool]:
         """True if a mission goes on to bend, and nothing later makes good what is missed.
 
-        So it is before a bend, where a task is done, and at the end.
+        So it is before a bend, where a task is done that is no path, and at the end.
         """
         phases = self.course.plan.phases
         if self.index == len(phases) - 1:
-            return False, True
+            return False, not self.mission.ends_on_path
         after = phases[self.index + 1]
         bends = self.mission.rests and self.rigid and not is_rigid(after.mode)
         return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
@@ -113,7 +114,8 @@ class Driving:
             soon = course.plan.trajectory.configuration(course.clock_s + _SOON_S)
             slower = belief.guard.pace(np.vstack([belief.q, soon]), belief.deviation)
         pace = min(slower, self.patience.tube / off) if off else slower
-        wheels = run.tracker.step(Measurement(time_s, self.index, self._seen, pace)).wheel_rad_s
+        measured = self._seen + (0.0 if over else self._slipping(pace))
+        wheels = run.tracker.step(Measurement(time_s, self.index, measured, pace)).wheel_rad_s
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
@@ -126,6 +128,25 @@ class Driving:
         if not over or off < self.patience.stuck * self._best:
             self._left_s, self._best = self._nearer_s, off
         return command
+
+    def _slipping(self, pace: float) -> Array:
+        """How much farther off than seen a robot is that pulls something, (3 + n,): it slips on.
+
+        It is the integral of what it is off, in b0, as much as it is fast.
+        """
+        away = np.zeros_like(self.belief.q)
+        if self.rigid and self.mission.pulls:
+            course = self.course
+            soon = course.plan.trajectory.configuration([course.clock_s + _SLIPS_S])[0]
+            speed = pace * math.dist(soon[:2], course.planned[:2]) / _SLIPS_S
+            seen = self._seen
+            turn = rotation(seen[2])
+            away[:POSE] = (seen - course.planned)[:POSE]
+            away[:2] = away[:2] @ turn.T
+            self._slips += speed * self.belief.camera.period_s * away[:POSE]
+            away[:POSE] = _SLIPS_PER_M2_S * speed * self._slips
+            away[:2] = away[:2] @ turn
+        return away
 
     def _standing(self) -> Next | None:
         """Rest while the robot is not in the mode, or nothing sees it; None: it may drive."""
@@ -191,7 +212,8 @@ class Driving:
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
         """
-        q = self.mission.steered(self.belief.q.copy())
+        over = self.course.clock_s >= self.phase.end_s
+        q = self.mission.steered(self.belief.q.copy(), over=over)
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
             aimed = self._right_at_once(q)

@@ -218,11 +218,14 @@ _TRIES = 20  # to move an object out of the robot
 
 
 def cage_of(problem: Problem, q: Array, number: int, in_b0: Array) -> Enclosure | None:
-    """True if an object is caged where it is seen; None if it seems to overlap the robot."""
+    """Cage of an object where it is seen, or fits if they seem to overlap; None if it does not."""
     from twosra_mpc.contact.grip import caged
 
+    poses = np.tile(composed(q[:POSE], in_b0), (len(problem.objects), 1))
+    q = fitted(problem, q, poses, [number])
+    where = composed(inverse(q[:POSE]), poses[number])
     try:
-        return caged(problem.robot.geometry, q[POSE:], problem.objects[number], in_b0)
+        return caged(problem.robot.geometry, q[POSE:], problem.objects[number], where)
     except InputError:
         return None
 

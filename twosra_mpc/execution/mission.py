@@ -12,6 +12,7 @@ from collections import Counter
 
 import numpy as np
 
+from twosra_mpc.checking.followed import follower
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
@@ -33,6 +34,7 @@ from twosra_mpc.problem.tasks import (
     follows,
     grasps,
     passes,
+    put,
 )
 from twosra_mpc.problem.world import ACCURACY, Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation, wrapped
@@ -114,9 +116,24 @@ class Mission:
         """True if the robot closes round an object: which decides what shape it can take."""
         return bool(self._left) and self._left[0].takes
 
+    @property
+    def pulls(self) -> bool:
+        """True if what is held is led along a path."""
+        return self._hold is not None and any(map(self._leads, self._left[:1]))
+
+    @property
+    def ends_on_path(self) -> bool:
+        """True if the last task is a path: its end is as near as its tolerance says."""
+        return any(map(self._leads, self._left[-1:]))
+
     def ends_between(self, first_s: float, last_s: float) -> bool:
-        """True if a task is done in a stretch of the plan."""
-        return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in self._ends)
+        """True if a task other than a path is done in a stretch of the plan."""
+        ends = zip(self._left, self._ends, strict=False)
+        others = (end_s for task, end_s in ends if not self._leads(task))
+        return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in others)
+
+    def _leads(self, task: Task) -> bool:
+        return task.stage(self.problem.modes).follows is not None
 
     def see(self) -> None:
         """Note where the robot is: boxes that are passed count by the path."""
@@ -156,17 +173,18 @@ class Mission:
             name = self.problem.objects[hold.object].name
             raise ObjectLostError(f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
 
-    def steered(self, q: Array) -> Array:
+    def steered(self, q: Array, *, over: bool = False) -> Array:
         """The robot (3 + n,) that would hold what it holds as planned, where that is seen to be.
 
         So a tracker brings the object to where it is planned, as it turns about b0 only where its
         heading is asked for. What is farther off than its cage has room is lost: see `check_held`.
+        What is pushed stays behind when the robot comes back: once it is ``over`` that is left.
         """
         hold, objects = self._hold, self.belief.objects
         if hold is None or objects is None or not objects.seen or not self._left:
             return q
         task, item, seen = self._left[0], self.problem.objects[hold.object], objects.in_b0
-        if task.about != item.name:
+        if task.about != item.name or (over and not self._room_m):
             return q
         seen = seen[hold.object].copy()
         if item.disc is not None or not task.asks_heading:
@@ -294,13 +312,8 @@ class Mission:
 
     def _check_followed(self, task: Follow, at: str) -> None:
         """Check that what follows a path has come to its end."""
-        q, line = self.belief.q, task.line
-        pose = composed(q[:POSE], part_in_b0(self.problem.robot, q[POSE:], task.part))
-        if task.object is not None:
-            number = self._numbers[task.object]
-            pose = self.poses()[number]
-            if self.problem.objects[number].disc is not None:
-                pose[2] = q[2]
+        line, q = task.line, self.belief.q[None]
+        (pose,) = follower(self.problem, task, q, self.poses()[None])
         off_m = math.hypot(*(pose[:2] - line.points[-1]))
         off_rad = abs(math.remainder(float(pose[2] - line.headings[-1]), math.tau))
         if off_m > task.position_tolerance_m or off_rad > task.heading_tolerance_rad:
@@ -374,8 +387,8 @@ class Mission:
         self._open_before_release()
         self.done_s.append(self.belief.now_s)
         where = ""
-        for carry in carries([task]).values():
-            self._goals[carry.object] = carry
+        for name, carry in put([task]).items():
+            self._goals[name] = carry
             where = f": {self._where(self._aimed(carry))}"
         self.belief.tell("task", f"{task.called} is done{where}")
         self._watch(task)

@@ -322,7 +322,7 @@ def _by_speed_s(
     boxes = _boxes(body, _along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
     rates = _largest_rate(body, mode, *boxes)
     at_speed = float(np.sum(_surely(body, mode, bend) / _PIECES / rates))
-    return from_rest_to_rest(at_speed, _unit_ramp_s(body))
+    return from_rest_to_rest(at_speed, unit_ramp_s(body))
 
 
 @per_body()
@@ -372,8 +372,8 @@ def _unit_speed(body: Body) -> float:
 
 
 @per_body()
-def _unit_ramp_s(body: Body) -> float:
-    """Least time in which a locomotion unit gets from rest to full speed; 0 if it is not known.
+def unit_ramp_s(body: Body) -> float:
+    """Least time in which a locomotion unit gets from rest to full speed [s]; 0: it is not known.
 
     It is where v_j is what the side wheel of unit j rolls.
     """

@@ -24,7 +24,7 @@ from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.physics import Physics
+from twosra_mpc.robot.physics import SLIDING, Physics
 from twosra_mpc.space.convex import convex_parts
 
 HINGES = 8  # of a segment
@@ -121,6 +121,7 @@ def mjcf(
         left=_hinges(geometry, range(first - 1, -1, -1), -1, hinges),
         right=_hinges(geometry, range(first, geometry.segments), 1, hinges),
         servo=(SERVO_N_M_PER_RAD, SERVO_N_M_S),
+        sliding=SLIDING,
         math=math,
     )
     root = fromstring(text)

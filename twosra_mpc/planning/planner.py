@@ -57,7 +57,7 @@ _LOOKS = 40  # along the direct drive
 _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
-_WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
+_WIDTH, _LEAVES, _TRIES, _AT_ONCE, _LONG = 4, 30, 8, 2, 5
 
 
 @public
@@ -289,7 +289,7 @@ def _search(
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         incumbent=lambda: _drive(tree, problem.gap) if solver.in_the_way is None else (),
-        look=lambda: None if alone else _look(aimed),
+        look=lambda: _look(aimed, alone),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=confirm or _confirmed,
         worth=worth_s,
@@ -328,16 +328,20 @@ def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | No
             return
 
 
-def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
-    """The best of a few promising sequences of all stages; short stages first."""
-    few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
+def _look(tree: Tree[Solved], alone: bool) -> tuple[float, Solved] | None:
+    """The first of a few promising sequences of all stages; of a single stage the best of them."""
+    few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _AT_ONCE if alone else _TRIES}
 
     def short(node: Node) -> list[Node]:
         leaps = tree.leaps(node)
         return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
-    found = dive(tree, short, **few, out_of_time=out_of_effort)
-    return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
+    for children in (short, tree.leaps):
+        found = dive(tree, children, **few, out_of_time=out_of_effort)
+        some = itertools.islice(found, None if alone else 1)
+        if best := min(some, key=lambda each: each[0], default=None):
+            return best
+    return None
 
 
 def _rest(variants: Sequence[Variant]) -> Result | None:

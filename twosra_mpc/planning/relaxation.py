@@ -11,8 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from twosra_mpc.effort import remembered
-from twosra_mpc.model.bending import bending, from_rest_to_rest
+from twosra_mpc.effort import Cost, charge, remembered
+from twosra_mpc.model.bending import bending, from_rest_to_rest, unit_ramp_s
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
@@ -231,6 +231,7 @@ def bending_task(problem: Problem | Alone) -> BendingTask:
         if sum(mode) == 1 and abs(most - bend) <= _SAME_BEND * abs(bend):
             last = facts.shapes_on_the_way(mode, before, most, most)[0][-1]
         for look in range(_LOOKS):
+            charge(Cost.BEND)
             shapes = facts.shapes_on_the_way(mode, before, end, begin)
             if not look and (words := singular_bend(problem.robot, mode, *shapes, last)):
                 return words
@@ -303,6 +304,7 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
         turn_reach=min(float(reach[2]), math.pi),
         known_s=_known_s(guess),
         speed_rows=partial(rigid_rows_between, problem.robot),
+        ramp_s=unit_ramp_s(problem.robot),
         soft_motions=bending(problem.robot).motions_between,
     )
 

@@ -486,6 +486,18 @@ def carries(tasks: Sequence[Task]) -> dict[int, Carry]:
     return _of_kind(tasks, Carry)
 
 
+def put(tasks: Sequence[Task]) -> dict[str, Carry]:
+    """Where objects are brought last, by their names; at the end of a path, with its tolerance."""
+    found = dict[str, Carry]()
+    for task in tasks:
+        if isinstance(task, Follow) and task.object is not None:
+            (x_m, y_m), within_m = task.line.points[-1].tolist(), task.position_tolerance_m
+            task = Carry(object=task.object, x_m=x_m, y_m=y_m, position_tolerance_m=within_m)
+        if isinstance(task, Carry):
+            found[task.object] = task
+    return found
+
+
 def follows(tasks: Sequence[Task], name: str) -> dict[int, Follow]:
     """Tasks that lead an object along a path, by their place."""
     found = _of_kind(tasks, Follow)

@@ -8,8 +8,11 @@ import numpy as np
 from pydantic import AfterValidator, model_validator
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.validation import FrozenDict, NonNegative, Pair, Positive, Value
 
+SLIDING = 0.3  # coefficient of friction of objects on the ground
+_GRAVITY_M_S2 = 9.81
 _RANGES = {
     "unit_mass_kg": (0.1, 0.4),
     "soft_stiffness_N_m2": (2e-5, 5e-4),
@@ -64,6 +67,18 @@ class Physics(Value):
                 allowed = f"two numbers >= 0, low then high, with {name} between them"
                 raise InputError(f"ranges.{name}", (low, high), allowed)
         return self
+
+    @property
+    def drag_N(self) -> float:
+        """Friction of an object that slides on the ground."""
+        return SLIDING * _GRAVITY_M_S2 * self.object_mass_kg
+
+    def pull_N(self, geometry: Geometry) -> float:
+        """Most that a wheel pulls along its rim: by its motor, and by a quarter of the weight."""
+        fibre_m = sum(geometry.lengths_m) + geometry.middle_link_m + 2 * geometry.end_link_m
+        mass_kg = 2 * self.unit_mass_kg + fibre_m * self.fibre_kg_per_m
+        grip_N = self.wheel_friction * _GRAVITY_M_S2 * mass_kg / 4
+        return min(grip_N, self.wheel_torque_N_m / geometry.wheel_radius_m)
 
     def drawn(self, width: float, rng: np.random.Generator) -> Physics:
         """Draw the physics of a robot from the ranges, made narrower by ``width`` (0: as is).

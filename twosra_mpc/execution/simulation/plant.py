@@ -182,6 +182,7 @@ class SimulatedRobot:
         robot: The robot as described, not as it is.
         camera: What is known about the camera.
         segments: Its segments, as they are.
+        physics: Masses, stiffness and friction, as they are in a rigid-body engine.
     """
 
     def __init__(
@@ -224,10 +225,11 @@ class SimulatedRobot:
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
-        if physics:  # all else is drawn in any case: one seed, the same heat and sensors
-            width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])
-            physical = self._true.true_physics.drawn(width, rng)
-            self._motion = Engine(problem, self._true, physical, self._melted)
+        # All else is drawn in any case: one seed, the same heat and sensors.
+        rng = np.random.default_rng([seed, 3])
+        self.physics = self._true.true_physics.drawn(what.thermal_ranges, rng)
+        if physics:
+            self._motion = Engine(problem, self._true, self.physics, self._melted)
             if viewer:
                 self._motion.view()
         elif viewer:

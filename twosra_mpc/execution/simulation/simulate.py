@@ -23,7 +23,7 @@ from twosra_mpc.files import plain_data
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import carries
+from twosra_mpc.problem.tasks import put
 from twosra_mpc.problem.world import ACCURACY, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
@@ -113,6 +113,7 @@ class Metrics(NamedTuple):
         off_path_mean_m: How far what follows a path was from it in truth, on average along the
             way; None where nothing follows one.
         off_path_m: The same at worst.
+        late_s: How late it came by a point that has a time, at worst; None where none has.
     """
 
     reached: bool
@@ -137,6 +138,7 @@ class Metrics(NamedTuple):
     squeezed: str = ""
     off_path_mean_m: float | None = None
     off_path_m: float | None = None
+    late_s: float | None = None
 
 
 @public
@@ -169,7 +171,8 @@ class Simulation(ArrayValue):
         if truth.touched is None and near is not None and near.touched:
             touched = f"touched {near.name} at {near.time_s:z.0f} s"
         object_m, object_rad = object_errors(run.problem, truth)
-        off_m = [each.off_m for each in run.followed(truth.time_s, truth.q, truth.objects)]
+        followed = run.followed(truth.time_s, truth.q, truth.objects)
+        off_m = [each.off_m for each in followed]
         put = (object_m or 0.0) <= ACCURACY[0] and (object_rad or 0.0) <= ACCURACY[2]
         return Metrics(
             reached=run.reached and run.accuracy.of(error) <= 1.0 and put and not touched,
@@ -194,6 +197,9 @@ class Simulation(ArrayValue):
             squeezed=truth.squeezed,
             off_path_mean_m=float(np.concatenate(off_m).mean()) if off_m else None,
             off_path_m=float(np.concatenate(off_m).max()) if off_m else None,
+            late_s=max(
+                (max(s, 0.0) for each in followed for s in each.late_s.tolist()), default=None
+            ),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -272,11 +278,11 @@ def simulate(
 def object_errors(problem: Problem, truth: Truth) -> tuple[float | None, float | None]:
     """Largest true distance [m] and turn [rad] of an object from its goal; None where none has one.
 
-    The goal is where it is carried last, or where it stood if it is never held.
+    The goal is where it is brought last, or where it stood if it is never held.
     """
     found = []
     held = {task.about for task in problem.tasks if task.takes or task.needs_held}
-    goals = {task.object: task for task in carries(problem.tasks).values()}
+    goals = put(problem.tasks)
     for number, item in enumerate(problem.objects):
         if item.name in goals:
             found.append(away(goals[item.name], item, truth.objects[-1, number]))

@@ -11,6 +11,7 @@ enclosed, let S grow too fast are halved then, and S is divided by what is left 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,15 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.planning.bounds.bends import BendingTask
-from twosra_mpc.planning.bounds.pose_bound import PoseProgram
+from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.planning.bounds.pose_phases import Indices, PhaseMotions, PoseTask, pieces_of
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import EventLayout
 
 _FINE = 2  # boxes of each segment in a piece of its B
-_ROUNDS, _CUTS = 14, 800  # of adding rows, and how many
+_CUTS = 800  # rows that are added at a time
 _CLOSE, _HALVINGS, _MOST = 1.01, 6, 3000  # growth that is left, halvings, boxes to be halved
+_SURELY = 1.1  # times what is enough, before it is proved
 _TWO = 2  # segments
 
 
@@ -64,22 +66,27 @@ def least_motion_s(task: BendingTask, modes: Sequence[Mode]) -> float:
     everything = phases[0]._replace(motions=motions, slack=np.zeros_like(slack), piece=piece)
     layout = EventLayout(1, _TWO)
     cost = np.eye(layout.count)[layout.finish]
-    program = PoseProgram(task.pose, [everything], layout, layout.phase_order(), cost, _CUTS)
-    best, least_s = None, 0.0
-    for _ in range(_ROUNDS):
-        if (x := program.solve()) is None:
-            break
-        constraint, violated = program.read(x)
-        rate = float(constraint.rates[0])
-        if rate > 0.0 and constraint.need > least_s * rate:
-            best, least_s = x, constraint.need / rate
-        if not violated:
-            break
-    if best is None:
+    given = task.pose, [everything], layout, layout.phase_order(), cost
+    known_s = math.inf
+    for side in task.pose.sides:
+        known_s = _least_s(PoseProgram(*given, side, _CUTS), task, modes, known_s)
+    return known_s
+
+
+def _least_s(
+    program: PoseProgram, task: BendingTask, modes: Sequence[Mode], enough_s: float
+) -> float:
+    """Bound of the plans on one side, or of those that are known to take less [s]."""
+
+    def least_s(constraint: PoseConstraint) -> float:
+        return constraint.need / max(float(constraint.rates[0]), 1e-300)
+
+    found_s, best = program.best(least_s, _SURELY * enough_s)
+    if best is None or found_s <= 0.0:
         return 0.0
     constraint, _ = program.read(best)
     grows = [_growth(program, best, mode, task, float(constraint.rates[0])) for mode in modes]
-    return constraint.need / max(grows)
+    return min(enough_s, constraint.need / max(grows))
 
 
 def _pieces(task: BendingTask) -> tuple[_Boxes, PhaseMotions]:

@@ -1,24 +1,27 @@
 r"""Bound on what the change of pose costs a mode sequence whose bends are known, or nearly so.
 
-Let S_i be functions of pose and bend, one for each phase i, with a common gradient p in the plane,
+Let S_i be functions of pose and bend, one for each phase i, with common gradients p and a,
 
-.. math:: S_i = p \cdot (x, y) + C_i(\phi) + B_i(W),
+.. math:: S_i = p \cdot (x, y) + a \phi + C_i(\phi) + B_i(W),
 
 C_i of period 2 pi and piecewise linear in the heading, B_i piecewise linear in the bending
 coordinate, 0 where the phase begins. If S_i grows by at most g_i per second whatever the robot
 does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over the phases of a plan
 
 .. math:: \sum_i g_i\,(t_{end,i} - t_{start,i}) \;\ge\;
-    p \cdot \Delta(x, y) + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
+    p \cdot \Delta(x, y) + a \Delta\phi + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
 
 a linear constraint on the event times, and the least cost of the temporal network with this
 constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
 about, or bend too far and back. Where a bend d_i is known to within bounds, B_i is flat between
 them; of the goal poses the one counts that gains the least, so p has no part along a coordinate
-that is free, and of a free heading the least C_n counts. In a rigid phase g_i is a maximum
-over the vertices of a polytope of twists; in a soft phase over boxes of shapes on the line of its
-bends, out to the curvature limits, and the corners of the two units' speeds (growth is linear in
-both, and what limits the wheels besides is left out).
+that is free, and of a free heading the least C_n counts. Plans that turn left by some angle modulo
+2 pi, or by more, gain at least a times that where a >= 0, and those that turn right where a <= 0:
+each are bounded by a program of their own, and the worse bound is that of all.
+
+In a rigid phase g_i is a maximum over the vertices of a polytope of twists; in a soft phase over
+boxes of shapes on the line of its bends, out to the curvature limits, and the corners of the two
+units' speeds (growth is linear in both, and what limits the wheels besides is left out).
 
 On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
 and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.
@@ -52,7 +55,7 @@ _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-
 
 
 class PoseConstraint(NamedTuple):
-    """sum of rates[i] (duration of phase i) >= need for every plan of the sequence [s]."""
+    """sum of rates[i] (duration of phase i, at full speed) >= need for every plan [s]."""
 
     rates: Array
     need: float
@@ -78,21 +81,14 @@ def best_constraint(
         bound_with: Lower bound under a further constraint; -inf if that is not known.
         enough: A bound that need not be exceeded.
     """
-    program = PoseProgram(task, phases, layout, least, cost)
-    best = -math.inf
-    for _ in range(_ROUNDS):
-        x = program.solve()
-        if x is None:
-            break
-        constraint, violated = program.read(x)
-        best = max(best, bound_with(constraint))
-        if best >= enough or not violated:
-            break
-    return best
+    for side in task.sides:
+        program = PoseProgram(task, phases, layout, least, cost, side)
+        enough = min(enough, program.best(bound_with, enough)[0])
+    return enough
 
 
 class PoseProgram:
-    """The linear program for p, C, B, g, e, y, the least C_n at the goal and the sizes of p.
+    """The linear program for p, C, B, g, e, y, the least C_n at the goal, the sizes of p, and a.
 
     Columns are in this order.
     """
@@ -104,9 +100,10 @@ class PoseProgram:
         layout: EventLayout,
         least: dict[tuple[int, int], float],
         cost: Array,
+        side: tuple[float, float],
         cuts: int = _CUTS,
     ) -> None:
-        self.cuts = cuts
+        self.cuts, self.side = cuts, side
         turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
         edges = sorted({*np.round(turns, _GRID)})  # np.unique loads masked arrays, for 10 ms
         self.edges = math.tau * np.array(edges)  # of the panels, from the start's
@@ -127,7 +124,8 @@ class PoseProgram:
         self.e = self.g + n
         self.y = self.e + n - 1
         self.m = self.y + len(least)
-        self.width = self.m + 3
+        self.a = self.m + 3
+        self.width = self.a + 1
         self.gain = self._gain(list(least.values()))
         self.bounds = self._bounds(task)
         self.cost = cost[: layout.origin]
@@ -161,7 +159,8 @@ class PoseProgram:
         gain[self.e : self.y] = -1.0
         gain[self.y : self.m] = least
         gain[self.m] = 1.0
-        gain[self.m + 1 :] = -np.where(self.given, self.task.reach, 0.0)
+        gain[self.m + 1 : self.a] = -np.where(self.given, self.task.reach, 0.0)
+        gain[self.a] = self.side[1]
         return gain
 
     def _bounds(self, task: PoseTask) -> Array:
@@ -178,6 +177,7 @@ class PoseProgram:
             bounds[self.b[i] : self.b[i + 1]] = -steepest, steepest
         bounds[self.b[0] : self.g][~self.settled] = 0.0
         bounds[self.g : self.e, 0] = bounds[self.y : self.m, 0] = 0.0
+        bounds[self.a] = np.sort([0.0, self.side[0] * most])
         return bounds
 
     def _balance(self, layout: EventLayout, least: dict[tuple[int, int], float]) -> Rows:
@@ -207,7 +207,7 @@ class PoseProgram:
         rows[:-4, self.c[-1] : self.c[-1] + self.panels] = -self.goal
         rows[:-4, self.m] = 1.0
         rows[-4:, :2] = np.vstack([np.eye(2), -np.eye(2)])
-        rows[-4:, self.m + 1 :] = -np.vstack([np.eye(2), np.eye(2)])
+        rows[-4:, self.m + 1 : self.a] = -np.vstack([np.eye(2), np.eye(2)])
         return Rows.of(rows)
 
     def _add(self, i: int, motion: Indices, panel: Indices, point: Indices) -> None:
@@ -217,7 +217,7 @@ class PoseProgram:
         c, s = self.cos[panel, point], self.sin[panel, point]
         steep = r / self.widths[panel]
         pieces = phase.piece[motion].T
-        values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count)]
+        values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count), r]
         values += [bending] * len(pieces)
         columns = [
             np.zeros(count, dtype=np.intp),
@@ -225,10 +225,26 @@ class PoseProgram:
             self.c[i] + (panel + 1) % self.panels,
             self.c[i] + panel,
             np.full(count, self.g + i),
+            np.full(count, self.a),
             *(self.b[i] + pieces),
         ]
         row, column = np.tile(np.arange(count), len(columns)), np.concatenate(columns)
         self.rows.append(Rows.summed(count, row, column, np.concatenate(values)))
+
+    def best(
+        self, value: Callable[[PoseConstraint], float], enough: float
+    ) -> tuple[float, Array | None]:
+        """The highest value of what is proved, up to what is enough, and its x, if any."""
+        best, found = -math.inf, None
+        for _ in range(_ROUNDS):
+            if (x := self.solve()) is None:
+                break
+            constraint, violated = self.read(x)
+            if (worth := value(constraint)) > best:
+                best, found = worth, x
+            if best >= enough or not violated:
+                break
+        return best, found
 
     def solve(self) -> Array | None:
         """Optimum of the program with the rows it has; None if the solver gives up."""
@@ -253,15 +269,16 @@ class PoseProgram:
             violated |= self._cut(i, growth - x[self.g + i])
         bent = self.gain[self.b[0] : self.g] * x[self.b[0] : self.g] * self.settled
         parts = [p * self.task.shift, (self.goal @ levels[-1]).min(), -levels[0, 0], bent, -steps]
-        parts.append(-np.where(self.given, self.task.reach, 0.0) * np.abs(p))
+        parts += [-np.where(self.given, self.task.reach, 0.0) * np.abs(p), x[self.a] * self.side[1]]
         gain, size = (sum(float(np.sum(f(part))) for part in parts) for f in (np.array, np.abs))
         return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
 
     def slopes(self, x: Array, i: int) -> tuple[Array, Array]:
-        """C' in every panel and B' in every piece of a phase."""
+        """Slopes a + C' in every panel and B' in every piece of a phase."""
         levels = x[self.c[i] : self.c[i] + self.panels]
         settled = self.settled[self.b[i] - self.b[0] : self.b[i + 1] - self.b[0]]
-        return (np.roll(levels, -1) - levels) / self.widths, x[self.b[i] : self.b[i + 1]] * settled
+        slopes = x[self.a] + (np.roll(levels, -1) - levels) / self.widths
+        return slopes, x[self.b[i] : self.b[i + 1]] * settled
 
     def growth(
         self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array

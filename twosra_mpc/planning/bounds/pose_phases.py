@@ -35,6 +35,7 @@ class PoseTask:
         known_s: Duration of a rigid motion in the start shape that makes the change [s].
         speed_rows: (least, largest kappa (n,)) -> rows M with abs(M xi) <= 1 for every rigid twist
             in a shape between, and how far off they may be, each (m, 3).
+        ramp_s: In which a locomotion unit gets from rest to full speed at least [s].
         soft_motions: (mode, least W (n, m), largest W (n, m)) -> lower and upper bounds, each
             (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, in these boxes.
     """
@@ -46,7 +47,16 @@ class PoseTask:
     turn_reach: float
     known_s: float
     speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
+    ramp_s: float
     soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
+
+    @property
+    def sides(self) -> tuple[tuple[float, float], ...]:
+        """1 and the least turn of some plans, -1 and the largest of all others; (0, 0): of all."""
+        if self.turn_reach >= math.pi:
+            return ((0.0, 0.0),)
+        left = self.turn % math.tau
+        return (1.0, left - self.turn_reach), (-1.0, left - math.tau + self.turn_reach)
 
     def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
         """Motions of a rigid phase in a shape between these; None if nothing limits it."""

@@ -20,7 +20,9 @@ E_i / (t_{end,i} - t_{start,i}) for the least effort times duration E_i that suc
 (rigid drives: none). Every plan of the sequence satisfies these constraints, because R is an upper
 bound of abs(dW/dt) and W_j rests while segment j is rigid; so the optimum of this linear program
 bounds its cost from below. Where that is not enough, what the sequence may do is cut into
-``parts``, and a goal pose adds the constraint of ``pose_bound``. A sequence that never melts
+``parts``, and a goal pose adds the constraint of ``pose_bound``, less what is lost while the units
+get from rest to full speed r seconds long, and back, in a bend that takes T: r, or T - T^2 / (4 r)
+where T < 2 r. A sequence that never melts
 anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
@@ -136,9 +138,14 @@ def pose_bound(
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
 
-    def bound_with(constraint: PoseConstraint) -> float:
+    soft, ramp_s = np.array(network.sequence, dtype=bool).any(axis=1), task.pose.ramp_s
+    some = np.minimum(1.0, np.array(least_durations) / max(2 * ramp_s, 1e-300))
+    lost_s = soft * ramp_s * (1 - (1 - some) ** 2)  # from rest and to it, in what lasts so long
+
+    def bound_with(found: PoseConstraint) -> float:
+        found = found._replace(need=found.need + float(found.rates @ lost_s))
         try:
-            bound = _linear_program_bound(network, task, weights, least_durations, constraint)
+            bound = _linear_program_bound(network, task, weights, least_durations, found)
         except ArithmeticError:  # the solver gave up: nothing is proved
             return -math.inf
         return -math.inf if bound is None else bound.cost

@@ -177,8 +177,8 @@ def dive(
     attempts: int,
     tries: int,
     out_of_time: Callable[[], bool],
-) -> tuple[float, Solution] | None:
-    """Look for a first incumbent: the best few nodes of each level, down to leaves.
+) -> Iterator[tuple[float, Solution]]:
+    """Look for incumbents: the best few nodes of each level, down to leaves.
 
     Of nodes with about the same bound those that come earlier among their siblings are preferred.
 
@@ -202,16 +202,16 @@ def dive(
             break
         level = sorted(found, key=lambda each: each[:2])
         nodes = [node for *_, node in level[:width]]
-    for _, _, leaf in level[:attempts]:
-        if out_of_time():
-            return None
+    for _, _, leaf in level:
+        if out_of_time() or not attempts:
+            return
         if (bound := tree.leaf_bound(leaf)) < math.inf:
+            attempts -= 1
             several = itertools.islice(tree.solve(leaf), tries)
             solved = next((each for each in several if each is not None), None)
             if solved is not None:
                 _check(solved[0], max(bound, tree.bound(leaf)))
-                return solved
-    return None
+                yield solved
 
 
 def _check(cost: float, bound: float) -> None:
@@ -293,10 +293,12 @@ class _Search(Generic[Node, Solution]):
         bound = self.tree.bound(self.queue[0].node) if self.learnt else -math.inf
         if bound > self.queue[0].bound:
             heapq.heapreplace(self.queue, replace(self.queue[0], bound=bound))
-        elif (entry := self._next()).branch:
-            self._branch(entry)
-        else:
+        elif not (entry := self._next()).branch:
             self._attempt(entry)
+        elif self.tree.too_deep(entry.node):
+            self.kept, entry.done = min(self.kept, entry.bound), True
+        else:
+            self._branch(entry)
         while self.queue and self.queue[0].done:
             heapq.heappop(self.queue)
 
@@ -315,21 +317,16 @@ class _Search(Generic[Node, Solution]):
     def _branch(self, entry: _Entry[Node, Solution]) -> None:
         """Put the node's own leaf and its children in its place."""
         tree, node, opened = self.tree, entry.node, list[_Entry[Node, Solution]]()
-        kept, leaf_bound = self.kept, tree.leaf_bound(node)
+        leaf_bound = tree.leaf_bound(node)
         if math.isfinite(leaf_bound):
             self.bounded += 1
             bound = max(leaf_bound, entry.bound)
             opened.append(_Entry(bound, False, next(self.order), node))
         for child in tree.children(node):
-            if (bound := max(tree.bound(child), entry.bound)) == math.inf:
-                continue
-            if tree.too_deep(child):
-                kept = min(kept, bound)
-            else:
+            if (bound := max(tree.bound(child), entry.bound)) < math.inf:
                 opened.append(_Entry(bound, True, next(self.order), child))
         for one in opened:
             heapq.heappush(self.queue, one)
-        self.kept = kept
         entry.done = True
 
     def _attempt(self, entry: _Entry[Node, Solution]) -> None:
@@ -354,7 +351,8 @@ class _Search(Generic[Node, Solution]):
             bound = max(bound, self.tree.leaf_bound(entry.node))
         elif found[0] < self.cost:
             self.accept(*found)
-        if not tight and bound < self.enough:
+        again = found is None and entry.attempts is None  # a second attempt may cost less
+        if not tight and bound < self.enough and not again:
             bound, tight = self._tighter(entry, bound), True
         _check(least, bound)
         worked = replace(entry, bound=bound, attempts=attempts, found=least, tight=tight)

@@ -168,11 +168,12 @@ class Leaves:
         self.bounds[whole] = replace(known, cost=max(parts.cost, known.cost), bends=bends)
 
     def look_at_motion(self, whole: Whole) -> None:
-        """Work out how long every plan moves where driving outlasts the metal."""
+        """Work out how long every plan moves where driving, or bending, outlasts the metal."""
         task = self.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
-        if task.pose.known_s > self.bounds[whole].cost:
+        moves_s = max(task.pose.known_s, 2 * sum(self.so_far.durations(whole)))
+        if moves_s > self.bounds[whole].cost:
             self.ask_motion(whole)
 
     def ask_motion(self, whole: Whole) -> bool:
@@ -418,12 +419,12 @@ class Tree(Generic[Solution]):
         if first is None and not known.detour and leaves.first_is_forbidden(whole):
             if leaves.bounds[whole] is known:
                 leaves.bend_otherwise(whole, COARSE)
-                yield None
             known = leaves.bounds[whole]
             attempts = iter(self.solver(network, known, whole))
             first = next(attempts, None)
             yield first
         if first is None and known.detour and len(whole.sequences) == 1:
+            yield None
             leaves.bend_otherwise(whole, FINE)
             yield None
             attempts = iter(self.solver(network, leaves.bounds[whole], whole))

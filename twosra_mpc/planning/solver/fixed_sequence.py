@@ -30,6 +30,7 @@ from twosra_mpc.timing import TemporalNetwork, transition_model
 
 INTERVALS = 10
 _STEPS = 2
+_THIN = 2  # intervals in one of the program where a phase's inputs are alike
 _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
 _MOST_TURN_RAD = 0.35  # in an interval, inside a workspace; half a turn fits into ten
 _MAX_ITERATIONS = 150
@@ -148,8 +149,11 @@ def _solved(
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
     inside = problem.workspace is not None
-    shape = phases, intervals, _STEPS
-    program, solver, _ = ipopt(robot, curved, *shape, _MAX_ITERATIONS, inside, apart)
+    smooth = robot.limits.wheel_acceleration_rad_s2 is not None and not (inside or apart)
+    thin = _THIN if smooth else 1
+    states, inputs = guess.states[:, ::thin], guess.inputs.reshape(phases, -1, thin, INPUTS)
+    shape = phases, intervals // thin, _STEPS, _MAX_ITERATIONS
+    program, solver, _ = ipopt(robot, curved, *shape, inside, apart, smooth)
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:
@@ -161,7 +165,7 @@ def _solved(
     for share in _STARTS:
         with ALONE:
             solution = solver(
-                x0=program.pack(guess.states, share * guess.inputs, times),
+                x0=program.pack(states, share * inputs.sum(axis=2), times),
                 p=program.parameters(
                     np.array(network.sequence, dtype=float), cost, _REGULARISATION
                 ),
@@ -177,6 +181,7 @@ def _solved(
     if status not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
         return None, int(iterations)
     _, inputs, _ = program.unpack(ca.DM(solution["x"]).full().ravel())
+    inputs = (inputs / thin).repeat(thin, axis=1)
     return roll_out(robot, guess.states[0, 0], guess.sequence, inputs), int(iterations)
 
 
@@ -202,6 +207,9 @@ def _decision_bounds(
     if problem.workspace is not None:  # what is between the places that are looked at
         inputs[..., -1] = np.minimum(inputs[..., -1], _MOST_TURN_RAD)
     inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
+    drives = guess.inputs[..., 2:].any(axis=(1, 2))
+    if program.inputs == 1 and drives.any():  # each drive more takes its time to speed up
+        inputs[~drives, :, 2:] = 0.0
     used = np.zeros(program.layout.count)
     for u, v in network.least:
         used[[u, v]] = np.inf

@@ -54,12 +54,13 @@ class Transcription:
     """A compiled multiple-shooting program for ``phases`` phases of ``intervals`` intervals.
 
     The decision vector holds the states (phases, intervals + 1, 3 + n), the input displacements
-    (phases, intervals, 5) and the event times, each divided by its scale.
+    (phases, inputs, 5) and the event times, each divided by its scale.
 
     Attributes:
         scale: What the coordinates of a state are divided by, (3 + n,).
         layout: Numbering of the events.
         intervals: Shooting intervals per phase.
+        inputs: Input displacements per phase: one for so many intervals alike.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
         rows: Slices of g by name: defects, linkage, terminal, speed, shape, driving, network, and
             where the robot is to be, if it is to be inside, and apart, if its parts are to be.
@@ -68,6 +69,7 @@ class Transcription:
     scale: Array
     layout: EventLayout
     intervals: int
+    inputs: int
     nlp: dict[str, ca.MX]
     rows: dict[str, slice]
 
@@ -78,16 +80,18 @@ class Transcription:
 
     def pack(self, states: Array, inputs: Array, times: Array) -> Array:
         """Scale and stack states, input displacements and event times into the decision vector."""
-        parts = [states / self.scale, inputs / INPUT_SCALE, times / TIME_SCALE]
+        alike = inputs.reshape(self.phases, self.inputs, -1, INPUTS).mean(axis=2)
+        parts = [states / self.scale, alike / INPUT_SCALE, times / TIME_SCALE]
         return np.concatenate([part.ravel() for part in parts])
 
     def unpack(self, x: Array) -> tuple[Array, Array, Array]:
         """Split a decision vector into states, input displacements and event times."""
         n, m, size = self.phases, self.intervals, len(self.scale)
-        cut_1, cut_2 = n * (m + 1) * size, n * (m + 1) * size + n * m * INPUTS
+        cut_1 = n * (m + 1) * size
+        cut_2 = cut_1 + n * self.inputs * INPUTS
         states = x[:cut_1].reshape(n, m + 1, size) * self.scale
-        inputs = x[cut_1:cut_2].reshape(n, m, INPUTS) * INPUT_SCALE
-        return states, inputs, x[cut_2:] * TIME_SCALE
+        inputs = x[cut_1:cut_2].reshape(n, self.inputs, INPUTS) * INPUT_SCALE
+        return states, inputs.repeat(m // self.inputs, axis=1), x[cut_2:] * TIME_SCALE
 
     def parameters(self, modes: Array, cost: Array, regularisation: float) -> Array:
         """Stack the parameters: modes (phases, n), cost coefficients of the events, rho."""
@@ -102,25 +106,30 @@ def transcribe(
     steps: int,
     inside: bool = False,
     apart: bool = False,
+    smooth: bool = False,
 ) -> Transcription:
     """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval.
 
     A ``goal`` that is no box adds the equations that its members fulfil; None: it is one. With
     ``inside`` the places of the outline's points at all nodes and midway between them are rows, in
-    units of 0.1 m; with ``apart`` the least separations of the robot's parts at all nodes.
+    units of 0.1 m; with ``apart`` the least separations of the robot's parts at all nodes. With
+    ``smooth`` a phase's input is the same in all its intervals: where it changes, wheels must stop.
     """
     body = robot.body
     segments, scale = body.geometry.segments, state_scale(body)
     layout = EventLayout(phases, segments)
     states = ca.MX.sym("q", POSE + segments, phases * (intervals + 1))
-    inputs = ca.MX.sym("s", INPUTS, phases * intervals)
+    own = 1 if smooth else intervals
+    inputs = ca.MX.sym("s", INPUTS, phases * own)
     times = ca.MX.sym("t", layout.count)
     modes = ca.MX.sym("sigma", segments, phases)
     cost = ca.MX.sym("c", layout.count)
     rho = ca.MX.sym("rho")
 
     t = times * TIME_SCALE
-    q, s = ca.DM(scale) * states, ca.DM(INPUT_SCALE) * inputs
+    input_of = ca.DM(INPUT_SCALE) * inputs
+    s = ca.horzcat(*[input_of[:, i // (intervals // own)] for i in range(phases * intervals)])
+    q = ca.DM(scale) * states
     nodes = np.arange(phases * (intervals + 1)).reshape(phases, intervals + 1)
     before, after = nodes[:, :-1].ravel().tolist(), nodes[:, 1:].ravel().tolist()
     mode_of = _repeated([modes[:, i] for i in range(phases)], intervals)
@@ -151,10 +160,10 @@ def transcribe(
     nlp = {
         "x": ca.vertcat(ca.vec(states), ca.vec(inputs), times),
         "p": ca.vertcat(ca.vec(modes), cost, rho),
-        "f": ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs),
+        "f": ca.dot(cost, t) + rho * intervals**2 / own * ca.sumsqr(inputs),
         "g": g,
     }
-    return Transcription(scale, layout, intervals, nlp, rows)
+    return Transcription(scale, layout, intervals, own, nlp, rows)
 
 
 @per_body()
@@ -221,13 +230,14 @@ def ipopt(
     max_iterations: int,
     inside: bool = False,
     apart: bool = False,
+    smooth: bool = False,
 ) -> tuple[Transcription, ca.Function, Stopping]:
     """Prepare the program of ``transcribe`` for IPOPT; what stops it must be kept with it.
 
     Intervals and nodes stay calls of one function each. Written out, an iteration takes nine tenths
     of the time, but the first one waits for seconds and 300 MiB, which 50 programs do not save.
     """
-    transcription = transcribe(robot, goal, phases, intervals, steps, inside, apart)
+    transcription = transcribe(robot, goal, phases, intervals, steps, inside, apart, smooth)
     return transcription, *solver_of(transcription.nlp, max_iterations)
 
 

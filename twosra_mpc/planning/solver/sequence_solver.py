@@ -34,7 +34,7 @@ from twosra_mpc.planning.solver.guess import (
     inner_bends,
     moved_inside,
 )
-from twosra_mpc.planning.solver.turning_drive import turned, turning_drives
+from twosra_mpc.planning.solver.turning_drive import turned
 from twosra_mpc.planning.stages.variants import Variant
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
@@ -161,21 +161,25 @@ class GoalSolver:
             return  # a nonlinear program, which knows of no levers, would bend straight on
         if first is not None and first[0] - bound.cost < self._least_s:
             return
-        drives = not any(map(any, network.sequence))  # all there is to do is to drive
-        turned = None
-        ends = guess.states[0, 0], guess.end
-        turning = turning_drives(problem.robot, problem.goal, *ends) if drives else ()
-        for motion, count in turning:
-            candidate = timed(motion, network, problem, count)
-            self.iterations += count
-            made = checked(self._asked, candidate, network)
-            turned = made or turned
-            if not (made and first and first[0] * (1 - problem.gap) <= made[0]):
-                yield made  # else the screw, which is simpler, is as good as is asked
-        if turned is None and not out_of_effort():
+        yield from self._turned(first, network)
+        bends = any(map(any, network.sequence))  # else all there is to do is to drive
+        if (bends or first is None) and not out_of_effort():
             candidate = solve(guess, network, problem)
             self.iterations += candidate.iterations if candidate else 0
-            yield checked(self._asked, candidate, network)
+            yield (made := checked(self._asked, candidate, network))
+            yield from self._turned(made, network)
+
+    def _turned(
+        self, first: tuple[float, Solved] | None, network: TemporalNetwork
+    ) -> Iterator[tuple[float, Solved]]:
+        def make(turns: Collection[int], most: int) -> Candidate | None:
+            assert first is not None, "else nothing is made anew"
+            motion, goal = first[1].candidate.motion, self.problem.goal
+            motion, count = turned(motion, goal, turns, most, lambda *_: True)
+            self.iterations += count
+            return timed(motion, network, self.problem, count)
+
+        yield from turning(first, make)
 
     def _cheapest_guess(
         self, network: TemporalNetwork, bound: SequenceBound

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.contact.grip import PushingCone, caged, pushing_cone
+from twosra_mpc.contact.grip import PushingCone, caged, pull, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
@@ -37,6 +37,7 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _ALIKE = 6  # decimals of m and 1/m
+_SURELY = 0.7  # of an object's friction: at its limit it slips
 _STILL_M = 1e-12  # of an object in an interval
 
 
@@ -120,7 +121,7 @@ class Handling:
         if hold.caged:
             return pieces, None
         where = geometry, hold.kappa, thing, hold.pose_in_b0
-        return pieces, pushing_cone(*where, thing.friction or 0.0)
+        return pieces, pushing_cone(*where, _SURELY * (thing.friction or 0.0))
 
     def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
         """The stages that end in each touch that holds an object as asked."""
@@ -212,7 +213,7 @@ class Handling:
         robot, hold = self.problem.robot, at.hold
         kappa = self._shape_at(at)
         in_b0, room_m = part_in_b0(robot, kappa, task.part), 0.0
-        held, cone = (np.zeros((0, 4, 2)), None) if hold is None else self._in_hand(hold)
+        cone = None if hold is None else self._in_hand(hold)[1]
         if task.object is not None:
             assert hold is not None, "checked with the problem"
             thing = self.problem.objects[hold.number]
@@ -228,28 +229,43 @@ class Handling:
             self.refused[f"{said}: {reasons[0][0]}"] = reasons[0][1] and not at.placements
         least_s = max(stage.least_s, least_time_s(robot, kappa, task, in_b0))
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
-        met, slid, clear = dict[float, str](), dict[float, str](), False
-        for begin, why in zip(begins, refused, strict=True):
-            q = np.concatenate([begin, kappa])
-            for along in drives_along(robot, q, task, in_b0, room_m) if why is None else ():
-                if cone is not None and not cone.holds(along.twists).all():
-                    slid.update([_slides(cone, along, in_b0)])
+        drives = [
+            (begin, along)
+            for begin, why in zip(begins, refused, strict=True)
+            if why is None
+            for along in drives_along(robot, np.append(begin, kappa), task, in_b0, room_m)
+        ]
+        met, slid, weak, clear = dict[float, str](), dict[float, str](), list[float](), False
+        physics = robot.true_physics
+        most = physics.pull_N(robot.geometry) / physics.drag_N if robot.physics else math.inf
+        for begin, along in drives:
+            if cone is not None and not cone.holds(along.twists).all():
+                slid.update([_slides(cone, along, in_b0)])
+                continue
+            if (slow := late(robot, task, along, in_b0)) is not None:
+                self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
+                continue
+            share, name = self._met(along.motion.states[0])
+            if name is not None:
+                met[share] = name
+                continue
+            before = at.placements
+            own = replace(made, ends=along.motion.end[None, :POSE], along=along)
+            if hold is not None:
+                held = self.problem.objects[hold.number]
+                pulled = pull(robot, kappa, held, hold.pose_in_b0, along.twists)
+                if pulled > most:
+                    weak.append(pulled)
                     continue
-                if (slow := late(robot, task, along, in_b0)) is not None:
-                    self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
-                    continue
-                share, name = self._met(along.motion.states[0])
-                if name is not None:
-                    met[share] = name
-                    continue
-                clear = True
-                end, before = along.motion.end[None, :POSE], at.placements
-                own = replace(
-                    made, ends=end, held=held, may=None if cone is None else cone.holds, along=along
-                )
-                if before:
-                    before = (*before[:-1], replace(before[-1], ends=begin[None]))
-                yield at._replace(placements=before).after(own)
+                own = replace(self.holding(own, hold), pull=pulled)
+            if before:
+                before = (*before[:-1], replace(before[-1], ends=begin[None]))
+            clear = True
+            yield at._replace(placements=before).after(own)
+        if weak and not clear:
+            need_N, have_N = (each * physics.drag_N for each in (min(weak), most))
+            words = f"a wheel would pull with {need_N:z.2f} N, and it can with {have_N:z.2f} N"
+            self.refused[f"{said}: so that {task.object} slides {words}"] = False
         if slid and not clear:
             self.refused[f"{said}: {task.object} {slid[max(slid)]}"] = False
         if met and not clear:
@@ -298,7 +314,8 @@ class Handling:
         anywhere: list[GoalSet] = [Anywhere(mode=self.problem.robot.rigid)]
         opened = (self._opened(hold.kappa, share) for share in _OPEN)
         first, *others = opened if hold.caged else anywhere
-        made = Placement(stage, first, free.world(self.problem, stage.touches), drives_first=False)
+        around = free.world(self.problem, stage.touches)
+        made = Placement(stage, first, around, drives_first=not hold.caged)
         made = replace(made, reshapes=hold.caged, openings=tuple(others))
         yield free.after(replace(made, away=free.world(self.problem)))
 

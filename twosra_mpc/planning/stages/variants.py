@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 May = Callable[[Array], NDArray[np.bool_]]  # twists (m, 3) -> which of them drives may have
 
 _TOUCHING_SAGITTA_M = 1e-4
+_EASILY = 1.1  # times the least pull along a path
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ class Placement:
         away: Surroundings at its end; those of all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
         along: The one drive that it is, where it follows a path.
+        pull: Most that a wheel pulls in it for what is held, over that one's friction.
     """
 
     stage: Stage
@@ -69,6 +71,7 @@ class Placement:
     away: World | None = None
     may: May | None = None
     along: Along | None = None
+    pull: float = 0.0
 
     @property
     def reaches(self) -> bool:
@@ -257,7 +260,9 @@ def ways_of(problem: Problem) -> Ways:
             groups.setdefault(state.key, []).append(state.placements)
         for members in groups.values():
             members.sort(key=partial(_length_m, problem))
-            found.append(Variant(own, tuple(members)))
+            most = _EASILY * min(map(_pull, members))  # nobody knows what wheels can pull
+            easy = (stages for stages in members if _pull(stages) <= most)
+            found.append(Variant(own, tuple(easy)))
     found.sort(key=lambda variant: _length_m(problem, variant.members[0]))
     return Ways(tuple(found), refused)
 
@@ -280,6 +285,11 @@ def _ways(
     else:
         placed = Placement(stage, stage.goal, at.world(problem, stage.touches))
         yield at.after(handling().holding(placed, at.hold) if at.hold else placed)
+
+
+def _pull(stages: Sequence[Placement]) -> float:
+    """Most that a wheel pulls along paths for what is held."""
+    return max((stage.pull for stage in stages), default=0.0)
 
 
 def _length_m(problem: Problem, stages: Sequence[Placement]) -> float:
