@@ -231,8 +231,7 @@ def test_runs_rely_on_no_joint_bend_once_one_has_missed_and_tell_how_it_went(
     first, *others = simulation.run.plans
     assert simulation.metrics.reached
     assert relies(first.sequence)
-    assert others
-    assert not any(relies(other.sequence) for other in others)
+    assert [relies(other.sequence) for other in others] == [False] * max(1, len(others))
     told, robot = told_by(simulation.run, ROBOT), SimulatedRobot(problem, "arc", HARD, 100)
     drawn = vars(vars(robot)["_motion"])["_joint"][1, 1]
     assert told[:2] == pytest.approx(drawn, abs=0.06)

@@ -7,7 +7,7 @@ predicted, and the plan is given up as soon as that is certain.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -151,8 +151,7 @@ class Driving:
         """Rest while the robot is not in the mode, or nothing sees it; None: it may drive."""
         belief, course, mode = self.belief, self.course, self.phase.mode
         if belief.mode != mode:
-            held_C = course.held(self.run.setpoint_C, mode)
-            return rest(belief, held_C, self.patience.rest_s)
+            return rest(belief, course.held(self.run.setpoint_C, mode), self.patience.rest_s)
         if not belief.blind:
             return None
         if belief.gives_up_seeing:
@@ -161,12 +160,16 @@ class Driving:
 
     def ended(self) -> Next:
         """Average camera frames at rest, where the end of the phase matters for the goal."""
-        scale = self.patience.certain * self.scale
+        if self.rigid and not self.last:
+            return self._looked()
+        return self._look(self.patience.certain, self.patience.look_s, self._looked)
+
+    def _look(self, share: float, at_most_s: float, then: Callable[[], Next]) -> Next:
+        """Look until what the phase is judged by is certain to a share of the accuracy."""
+        scale = share * self.scale
         if not self.rigid:
             scale[:POSE] = math.inf  # poses are corrected when everything is solid
-        if self.last or not self.rigid:
-            return Looking(self.belief, scale, self.patience.look_s, self._looked)
-        return self._looked()
+        return Looking(self.belief, scale, at_most_s, then)
 
     def _looked(self) -> Next:
         self._looks += 1
@@ -188,9 +191,7 @@ class Driving:
         patience, share = self.patience, self.belief.accuracy.of_shape(self._predicted_miss())
         if abs(share - ACCEPTED) >= patience.doubtful:
             return self._judged_miss()
-        scale = patience.certain_of_a_melt * self.scale
-        scale[:POSE] = math.inf
-        return Looking(self.belief, scale, patience.long_look_s, self._judged_miss)
+        return self._look(patience.certain_of_a_melt, patience.long_look_s, self._judged_miss)
 
     def _judged_miss(self) -> Next:
         missed, patience = self._predicted_miss(), self.patience
@@ -254,8 +255,8 @@ class Driving:
         The pose in a rigid phase; in a soft one the mean of the bends alone: a pose that is left
         over is corrected by a rigid drive.
         """
-        outputs = outputs_of(self.belief.problem.robot.body, self.phase.mode)
-        selection, turned = outputs.selection, difference.copy()
+        selection = outputs_of(self.belief.problem.robot.body, self.phase.mode).selection
+        turned = difference.copy()
         turned[2] = math.remainder(turned[2], math.tau)
         shares: Array = (selection @ turned) / (selection @ self.scale)
         return shares if self.rigid else shares[-1:]
@@ -269,8 +270,8 @@ class Driving:
         if self.rigid and belief.guard is not None:
             lost = belief.guard.off_m(away) > patience.narrow_m
         if lost:
-            away_mm = f"{1e3 * far_m:z.0f} mm"
-            raise AstrayError(f"the robot is {away_mm} and {abs(turn):z.2f} rad from the plan")
+            there = f"{1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad"
+            raise AstrayError(f"the robot is {there} from the plan")
         if not soft or self.closes:  # what it closes round may bend them apart
             return
         kappa, asked = belief.q[POSE:][soft], self.course.planned[POSE:][soft]
@@ -320,14 +321,10 @@ def predicted_curvatures(
         modes: Modes of these phases.
     """
     model = bending(robot)
-
-    def coordinates(q: Array) -> Array:
-        return np.array([model.coordinate(kappa) for kappa in q[POSE:].tolist()])
-
-    deviation = coordinates(deviated) - coordinates(path[0])
+    deviation = model.coordinates(deviated[POSE:]) - model.coordinates(path[0][POSE:])
     for k, (end, mode) in enumerate(zip(path[1:], modes, strict=True)):
         if soft := list(soft_segments(mode)):
-            planned, last = coordinates(end)[soft], settling(modes[k:])
+            planned, last = model.coordinates(end[POSE:])[soft], settling(modes[k:])
             counted = [soft.index(j) for j in last]
             low, high = -deviation[soft].max(), -deviation[soft].min()
             for _ in range(_HALVINGS):
@@ -336,4 +333,4 @@ def predicted_curvatures(
                 less = bent[counted].mean() < end[POSE:][last].mean()
                 low, high = (shift, high) if less else (low, shift)
             deviation[soft] += shift
-    return model.curvature(coordinates(path[-1]) + deviation)
+    return model.curvature(model.coordinates(path[-1][POSE:]) + deviation)

@@ -236,9 +236,8 @@ class Following(PlanPolicy):
                 self._replans = 0
             old_s = self.course.plan.duration_s - self.course.clock_s
             done = f"planning again {times(self._replans)}"
-            words = (
-                f"the rest is planned again, {summary(plan)}; of the plan {old_s:z.0f} s are left"
-            )
+            words = f"the rest is planned again, {summary(plan)}; "
+            words += f"of the plan {old_s:z.0f} s are left"
             self._replans, self._corrections = self._replans + 1, 0
         else:
             done = f"{self._corrections} corrections in a row"
@@ -320,5 +319,4 @@ class _DueTasks:
 
 def summary(plan: Plan) -> str:
     """A plan in words."""
-    sequence = sequence_name([phase.mode for phase in plan.phases])
-    return f"{sequence} in {plan.duration_s:z.1f} s"
+    return f"{sequence_name([phase.mode for phase in plan.phases])} in {plan.duration_s:z.1f} s"

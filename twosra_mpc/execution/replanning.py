@@ -72,9 +72,7 @@ class Replanning:
         changing |= any(stiffness[j] != "rigid" for j in solid)
         if changing or belief.now_s < self._until_s or not belief.stands:
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
-        if run.mission.holding is not None and set(stiffness) != {
-            "rigid"
-        }:  # no soft robot holds anything
+        if run.mission.holding is not None and set(stiffness) != {"rigid"}:  # soft, none holds
             return self._cool()
         return look_at_objects(belief, self._plan)
 
@@ -187,8 +185,8 @@ def reconsidered(run: Following, index: int, learnt: str) -> Plan | None:
         least = f"none takes less than {result.lower_bound or 0.0:z.1f} s"
         run.belief.tell("kept", f"{words}, {least}")
         return None
-    sequence = sequence_name(better.sequence)
-    run.belief.tell("replan", f"{words}, {sequence} takes {better.duration_s:z.1f} s")
+    words += f", {sequence_name(better.sequence)} takes {better.duration_s:z.1f} s"
+    run.belief.tell("replan", words)
     return better
 
 
@@ -245,8 +243,8 @@ def remaining_problem(
         body_temperature_C=tuple(bodies) if any(one.body_C is not None for one in metal) else None,
         holding=problem.start.holding,
     )
-    modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
-    modes = tuple(m for m in modes if m not in avoided)
+    usable = (m for m in problem.modes if not any(m[segment] for segment in broken))
+    modes = tuple(m for m in usable if m not in avoided)
     aimed = PLANNED / (2 + misses)
     goal = _goal(problem, np.concatenate([q[:POSE], kappa]), mode, broken, aimed)
     workspace = problem.workspace

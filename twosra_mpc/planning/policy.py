@@ -121,13 +121,11 @@ def _policy(plan: Plan, bends: Sequence[JointBend], most_s: float, worth_s: floa
     for k, (bend, new) in enumerate(zip(bends, surprises, strict=True)):
         if new is not None:
             rest = _rest(plan, new.phase, new.kappa, worth_s)
-            rest_s = np.inf if rest is None else _known_s(rest)
-            costs[k] = plan.known_end_s(new.phase) + rest_s
-            if costs[k] < planned_s or not new.right:
+            other_s = plan.known_end_s(new.phase) + (np.inf if rest is None else _known_s(rest))
+            costs[k] = min(other_s, planned_s) if new.right else other_s
+            if costs[k] == other_s:
                 same = found.setdefault((new.phase + 1, () if rest is None else rest.sequence), [])
-                same.append((bend, new.off_per_m, costs[k]))
-            else:
-                costs[k] = planned_s
+                same.append((bend, new.off_per_m, other_s))
         if (cost_s := priced(((share, each) for each in costs), risk)) > most_s:
             return None
     branches = []
