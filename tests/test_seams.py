@@ -342,9 +342,9 @@ def test_the_top_level_stays_small() -> None:
 # hundreds of polygons and along outlines that are rough, which had no plan. 360 lead objects along
 # paths: by where they are seen, in the room of their cage or by friction, at given times, with how
 # far off they were; 110 of them, and 145 of tests, are logs, bags and words of the same.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_751, 204
-MOST_LINES = 38_879
-MOST_LINES_OF_TESTS = 32_424
+MOST_CORE_LINES, MOST_CORE_FILES = 29_934, 204
+MOST_LINES = 39_066
+MOST_LINES_OF_TESTS = 32_466
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 

@@ -80,7 +80,6 @@ STUDIES: dict[str, Study] = {
         seeds=2,
         executors=("optimal",),
         plant="mujoco",
-        risk="nominal",
     ),
     "closed-loop-missions": ClosedLoopMissions(),
     "carried": Carried(),

@@ -150,7 +150,7 @@ def _solved(
     curved = None if problem.goal.is_box else problem.goal
     inside = problem.workspace is not None
     smooth = robot.limits.wheel_acceleration_rad_s2 is not None and not (inside or apart)
-    thin = _THIN if smooth else 1
+    thin = math.gcd(intervals, _THIN) if smooth else 1
     states, inputs = guess.states[:, ::thin], guess.inputs.reshape(phases, -1, thin, INPUTS)
     shape = phases, intervals // thin, _STEPS, _MAX_ITERATIONS
     program, solver, _ = ipopt(robot, curved, *shape, inside, apart, smooth)
