@@ -60,10 +60,13 @@ class ClosedLoop(Study):
     risk: Literal["nominal", "mean"] = "mean"
 
     def cases(self) -> Iterator[Case]:
-        """Yield the runs; those that share a robot are neighbours."""
-        seeds = range(1, self.seeds + 1)
-        for drives, model, seed in itertools.product(self.executors, self.path_models, seeds):
-            yield from (Case(drives, model, label, seed) for label in labelled(self.problems))
+        """Yield the runs; every problem has robots of its own, whatever drives them."""
+        labels = list(labelled(self.problems))
+        for drives, model, k in itertools.product(
+            self.executors, self.path_models, range(self.seeds)
+        ):
+            first = 1 + k * len(labels)
+            yield from (Case(drives, model, *each) for each in zip(labels, itertools.count(first)))
 
     def run(self, case: Case) -> dict[str, Any]:
         """Run one case; its ``Metrics``, plan, and last command."""
