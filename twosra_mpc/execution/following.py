@@ -55,6 +55,7 @@ class Following(PlanPolicy):
         during: What the run is at, in words.
         broken: Segments (from 0) that cannot be melted any more.
         missed: Modes whose bends have missed.
+        stalled: Modes in which wheels could bend no further.
         clearance_m: What plans of the rest are to keep.
     """
 
@@ -66,7 +67,7 @@ class Following(PlanPolicy):
         self.problem, self.think, self.longest_s = plan.problem, think, settings.longest_s
         self.tracker = Tracker(plan.robot, rate_Hz=belief.camera.rate_Hz)
         self.mission = Mission(belief, plan)
-        self.broken, self.missed = set[int](), list[Mode]()
+        self.broken, self.missed, self.stalled = set[int](), list[Mode](), set[Mode]()
         self.clearance_m = settings.clearance_m if plan.problem.obstacles else 0.0
         self.near, self.during = "", "before the plan begins"
         self._plans, self._begun = list[Plan](), list[int]()
@@ -171,6 +172,7 @@ class Following(PlanPolicy):
             if driving is not None and not driving.rigid and self.mission.closes:
                 return driving.ended()  # what it closes round may keep it from bending
             if trouble.stalled:
+                self.stalled |= set() if driving is None else {driving.phase.mode}
                 return self._astray(text, melting_on=trouble.bends)
             return self._doubts(trouble)
         bends_back = isinstance(trouble, MeetsItselfError)

@@ -104,8 +104,9 @@ class Replanning:
             return self
         if belief.guard is not None and any(belief.mode):
             return self._cool()  # a solid robot may drive to where it can bend
-        if run.missed:
+        if run.missed or run.stalled:
             run.missed.clear()  # any plan is better than none
+            run.stalled.clear()
             return self
         return run.narrower() or run.no_plan(why)
 
@@ -125,7 +126,7 @@ def what_is_left(run: Following) -> Problem | None:
     """What is left of a run's problem, from where it is; None while metal is in no known state.
 
     Once a joint bend has missed, others are taken to miss wherever they may by the robot's file;
-    and modes of several segments whose bends have missed often are avoided.
+    and modes of several segments whose bends have missed often, or have stalled, are avoided.
 
     Raises:
         InputError: If no mode is left.
@@ -139,6 +140,7 @@ def what_is_left(run: Following) -> Problem | None:
         problem = problem.with_values(risk=_SURELY)
     most = _MISSES_COUNTED if known else _MISSES
     avoided = {mode for mode in missed if missed.count(mode) > most}
+    avoided |= {mode for mode in run.stalled if sum(mode) > 1}
     left = remaining_problem(problem, q, metal, run.broken, len(run.missed), avoided)
     if run.clearance_m <= left.clearance_m:
         return left
