@@ -344,8 +344,8 @@ def test_the_top_level_stays_small() -> None:
 # far off they were; 110 of them, and 145 of tests, are logs, bags and words of the same. 180 choose
 # headings that wheels can pull in, and tell how late runs are and how unequally they slip; in fast
 # metal bounds tell plans that turn left from those that turn right.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_937, 204
-MOST_LINES = 39_069
+MOST_CORE_LINES, MOST_CORE_FILES = 29_939, 204
+MOST_LINES = 39_071
 MOST_LINES_OF_TESTS = 32_466
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 

@@ -102,7 +102,7 @@ class Placer:
         for shares in _SHARES[: 1 if several or not any(blocks) else None]:
             if placed and len(blocks) > 1:  # of several stages the fastest travel that has a plan
                 return
-            for stages in variant.members[:_MOST_MEMBERS]:
+            for stages in variant.easy[:_MOST_MEMBERS]:
                 for goals in goals_of(stages):
                     found = 0
                     for bends in self._ways(variant.problem, stages, goals, whole, bound):

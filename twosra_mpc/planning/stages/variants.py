@@ -114,6 +114,12 @@ class Variant:
         return problem.with_values(start=start, **asked, objects=(), obstacles=around)
 
     @cached_property
+    def easy(self) -> list[tuple[Placement, ...]]:
+        """Members in which wheels pull easily: plans are looked for here, bounds hold for all."""
+        most = _EASILY * min(map(_pull, self.members))  # nobody knows what wheels can pull
+        return [stages for stages in self.members if _pull(stages) <= most]
+
+    @cached_property
     def aimed(self) -> Variant:
         """The same with the goals that plans are looked for in first, narrower than all of them."""
         if not any(stage.openings for stage in self.members[0]):
@@ -260,9 +266,7 @@ def ways_of(problem: Problem) -> Ways:
             groups.setdefault(state.key, []).append(state.placements)
         for members in groups.values():
             members.sort(key=partial(_length_m, problem))
-            most = _EASILY * min(map(_pull, members))  # nobody knows what wheels can pull
-            easy = (stages for stages in members if _pull(stages) <= most)
-            found.append(Variant(own, tuple(easy)))
+            found.append(Variant(own, tuple(members)))
     found.sort(key=lambda variant: _length_m(problem, variant.members[0]))
     return Ways(tuple(found), refused)
 
