@@ -59,6 +59,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
 
 _FLAT = 1e-9  # rounding of unit normals
 _OFF = 1e-7  # of a load, out of the cone and still held
+_STILL_M = 1e-12  # of an object in an interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +131,8 @@ def _load(contour: Contour, pose: Array) -> tuple[Array, Array]:
     return middle, np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, wide]])
 
 
-def pull(robot: Robot, kappa: Array, thing: Object, pose_in_b0: Array, twists: Array) -> float:
-    """Most that one wheel has to pull while an object is moved, over the object's friction.
+def pulls(robot: Robot, kappa: Array, thing: Object, pose_in_b0: Array, twists: Array) -> Array:
+    """Most that one wheel has to pull while an object is moved, over the object's friction, (m,).
 
     A wheel pulls along its rim alone: forces and torques that wheels of equal pull can give are a
     zonotope, whose facets lie along two wheels each. What drags least is moved where they pull on
@@ -149,9 +150,9 @@ def pull(robot: Robot, kappa: Array, thing: Object, pose_in_b0: Array, twists: A
     facets = facets[np.linalg.norm(facets, axis=1) > _FLAT]
     _, load = _load(Contour.of(thing.own), pose_in_b0)
     loads = twists @ load.T
-    sizes = np.linalg.norm(loads, axis=1, keepdims=True)
-    forces = loads[sizes[:, 0] > 0] / sizes[sizes[:, 0] > 0] @ load
-    return float((np.abs(forces @ facets.T) / np.abs(facets @ wheels.T).sum(axis=1)).max())
+    forces = loads / np.maximum(np.linalg.norm(loads, axis=1, keepdims=True), _STILL_M) @ load
+    most: Array = (np.abs(forces @ facets.T) / np.abs(facets @ wheels.T).sum(axis=1)).max(axis=1)
+    return most
 
 
 def _facets(generators: Array) -> Array:

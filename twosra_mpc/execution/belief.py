@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.control.motors import Motors
 from twosra_mpc.control.stiffness import CLEARLY_S, KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.execution.camera_filter import CREEP, EVENING, CameraFilter, only, usable
@@ -70,6 +71,7 @@ class Belief:
         drives: When the robot was driven.
         doubt: About bends that are not seen; None of a robot that nothing sees.
         doubtful: True if it must stand and be looked at for that.
+        motors: Of its wheels, as they turn by the commands given.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Belief:
         camera: Camera,
         patience: Patience,
         *,
+        motor_lag_s: float = 0.0,
         guard: Guard | None = None,
         sighted: bool = True,
         reports: bool = True,
@@ -88,6 +91,7 @@ class Belief:
             problem: What is asked.
             camera: What sees the robot, or the rate of its commands alone.
             patience: How long frames and reports are waited for.
+            motor_lag_s: Time constant of the wheels' motors, as far as it is known.
             guard: What keeps it clear of what is around it.
             sighted: True if it is driven by what a camera sees.
             reports: True if temperatures must be reported.
@@ -112,6 +116,7 @@ class Belief:
         self._filter = CameraFilter(camera, problem.start.configuration, 0.0)
         self._newest_s = self._seen_s = -np.inf
         self._compared: tuple[Mode | None, Array] = None, self.q
+        self.motors, self._driven = Motors(motor_lag_s), robot.rigid
         self._stood, self._leapt_s, self._heard_s = 0, np.nan, np.nan
         self._faults = np.zeros(len(segments), dtype=int)
         self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
@@ -263,8 +268,9 @@ class Belief:
             self._begin()
             return
         mode, before = self.command.mode, self.q.copy()
-        turned = self.command.wheel_rad_s * (self.now_s - begun_s)
-        after = before if mode is None else self._rolled(mode, before, turned)
+        self._driven = self._driven if mode is None else mode
+        turned = self.motors.turned(self.command.wheel_rad_s, self.now_s - begun_s)
+        after = self._rolled(self._driven, before, turned) if turned.any() else before
         if mode is not None and self.drives and self.drives[-1].mode != mode:
             self._filter.forget_response()
         creep = EVENING if self._even_out else CREEP
@@ -398,6 +404,12 @@ class Belief:
         mode, before = self._compared
         self._compared = mode, self.q.copy()
         return self.q - before
+
+    @property
+    def coasting(self) -> Array:
+        """How q changes yet until wheels stand that are told to, (3 + n,)."""
+        motors = self.motors
+        return self._rolled(self._driven, self.q, motors.lag_s * motors.rad_s) - self.q
 
     def _rolled(self, mode: Mode, q: Array, turned: Array) -> Array:
         return rolling(self.problem.robot, mode)(q, turned, NO_DRIFT).full().ravel()

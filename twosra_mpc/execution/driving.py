@@ -108,13 +108,14 @@ class Driving:
             return self.ended()
         self._keep_within()
         self.mission.check_held()
-        time_s = course.clock_s + (belief.camera.period_s if over else 0.0)  # then the path rests
         slower = 1.0
         if belief.guard is not None:
             soon = course.plan.trajectory.configuration(course.clock_s + _SOON_S)
             slower = belief.guard.pace(np.vstack([belief.q, soon]), belief.deviation)
         pace = min(slower, self.patience.tube / off) if off else slower
-        measured = self._seen + (0.0 if over else self._slipping(pace))
+        # What turns yet belongs to the time at which it has turned; over, the path rests.
+        time_s = course.clock_s + (belief.camera.period_s if over else pace * belief.motors.lag_s)
+        measured = self._seen + belief.coasting + (0.0 if over else self._slipping(pace))
         wheels = run.tracker.step(Measurement(time_s, self.index, measured, pace)).wheel_rad_s
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape

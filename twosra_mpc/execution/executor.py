@@ -70,7 +70,8 @@ def plan_controller(
         NoPlanError: If the plan is not verified.
     """
     chosen = settings or ExecutorSettings()
-    belief = Belief(plan.require().problem, camera, chosen.patience)
+    problem, lag_s = plan.require().problem, chosen.motor_lag_s
+    belief = Belief(problem, camera, chosen.patience, motor_lag_s=lag_s)
     return Controller(belief, Following(belief, plan, chosen, think))
 
 
@@ -93,7 +94,8 @@ def greedy_controller(
     if problem.tasks:
         raise InputError("executor", "greedy", "optimal: the greedy rule knows no tasks")
     chosen = settings or ExecutorSettings()
-    belief = Belief(problem, camera, chosen.patience, guard=guard_of(problem, chosen.patience))
+    guard, lag_s = guard_of(problem, chosen.patience), chosen.motor_lag_s
+    belief = Belief(problem, camera, chosen.patience, motor_lag_s=lag_s, guard=guard)
     return Controller(belief, Greedy(belief, chosen))
 
 

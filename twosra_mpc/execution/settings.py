@@ -97,6 +97,7 @@ class ExecutorSettings:
         doubts: How often the robot may be seen not to do what is commanded.
         longest_s: Longest run.
         dead_zone_rad_s: Of the robot's drives, as far as it is known.
+        motor_lag_s: Time constant of their motors, likewise.
         clearance_m: What a run's plans keep to obstacles, or as much as there is room for.
     """
 
@@ -108,4 +109,5 @@ class ExecutorSettings:
     stops: Count = 4
     longest_s: Positive = 7200.0
     dead_zone_rad_s: NonNegative = 0.0
+    motor_lag_s: NonNegative = 0.0
     clearance_m: NonNegative = 0.0

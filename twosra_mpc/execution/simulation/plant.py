@@ -7,7 +7,6 @@ of camera, sensors and wheels comes from another stream of the same seed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ import numpy as np
 
 from twosra_mpc.arguments import check_size, public
 from twosra_mpc.control.heated_segment import LONGEST_STEP_S, HeatedSegment
+from twosra_mpc.control.motors import Motors
 from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
@@ -127,7 +127,6 @@ def _mode(melted: Sequence[float]) -> Mode:
 AS_PLANNED, PHYSICS = "as-planned", "mujoco"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
 ALL_PLANTS = (*PLANTS, PHYSICS)
-_AT_REST_RAD_S = 1e-3  # a motor that runs down to this stands
 _INSTANT_S = 1e-6
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 
@@ -235,7 +234,7 @@ class SimulatedRobot:
         elif viewer:
             raise InputError("viewer", True, f"False: only plant {PHYSICS} has one")
         self._touched = self._motion.touched
-        self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)
+        self._told_rad_s, self._motors = np.zeros(WHEELS), Motors(what.motor_lag_s)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
         self._on_the_way: list[tuple[int, Array, Array | None]] = []
@@ -287,7 +286,7 @@ class SimulatedRobot:
         still = max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
         before = [segment.stiffness for segment in self.segments]
         while left > 0 and before == [segment.stiffness for segment in self.segments]:
-            turning = bool(self._told_rad_s.any() or self._turning_rad_s.any())
+            turning = bool(self._told_rad_s.any() or self._motors.rad_s.any())
             moving = turning or not self._motion.at_rest(self._melted)
             ticks = 1 if moving else min(left, still)
             if moving:
@@ -353,19 +352,11 @@ class SimulatedRobot:
 
     def _roll(self, turning: bool) -> None:
         """Move for one period."""
-        turned = self._turned(self.camera.period_s)
+        turned = self._motors.turned(self._told_rad_s, self.camera.period_s)
         self._motion.roll(turned, self._melted, self.camera.period_s)
         self._forced += turning and any(0 < share < 1 for share in self._melted)
         if not self._touched and (name := self._motion.touched) is not None:
             self._touched = name and f"touched {name} at {self.time_s:z.0f} s"
-
-    def _turned(self, period_s: float) -> Array:
-        """Turns of the motors in a period, (4,) [rad]: each goes to its command with a lag."""
-        lag_s, told = self._disturbance.motor_lag_s, self._told_rad_s
-        behind = self._turning_rad_s - told
-        left = behind * math.exp(-period_s / lag_s) if lag_s > 0 else np.zeros(WHEELS)
-        self._turning_rad_s = np.where(np.abs(told + left) < _AT_REST_RAD_S, 0.0, told + left)
-        return told * period_s + lag_s * (behind - left)
 
     def _photograph(self, ticks: int) -> None:
         """Take a frame at each of the last ``ticks`` periods, during which the robot rested."""

@@ -217,9 +217,12 @@ class Simulation(ArrayValue):
 
 
 def settings_for(level: Disturbance) -> ExecutorSettings:
-    """Settings of an executor that knows a level's dead zone, and the clearance that it needs."""
-    dead_rad_s, room_m = level.dead_zone_rad_s, level.clearance_m
-    return ExecutorSettings(dead_zone_rad_s=dead_rad_s, clearance_m=room_m)
+    """Settings of an executor that knows a level's drives, and the clearance that it needs."""
+    return ExecutorSettings(
+        dead_zone_rad_s=level.dead_zone_rad_s,
+        motor_lag_s=level.motor_lag_s,
+        clearance_m=level.clearance_m,
+    )
 
 
 @public

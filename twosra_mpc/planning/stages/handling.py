@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from twosra_mpc.contact.grip import PushingCone, caged, pull, pushing_cone
+from twosra_mpc.contact.grip import PushingCone, caged, pulls, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
@@ -20,7 +22,7 @@ from twosra_mpc.planning.stages.along import (
     least_time_s,
     part_in_b0,
 )
-from twosra_mpc.planning.stages.variants import Hold, Placement, State
+from twosra_mpc.planning.stages.variants import Hold, Placement, Pulls, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries, follows
@@ -36,9 +38,10 @@ _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
+_AROUND_RAD = np.arange(360) * math.tau / 360  # ways in which something may be carried
+_STILL_M = 1e-12  # of an object in an interval
 _ALIKE = 6  # decimals of m and 1/m
 _SURELY = 0.7  # of an object's friction: at its limit it slips
-_STILL_M = 1e-12  # of an object in an interval
 
 
 class Handling:
@@ -111,8 +114,19 @@ class Handling:
 
     def holding(self, placement: Placement, hold: Hold) -> Placement:
         """The stage with an object in hand."""
-        pieces, cone = self._in_hand(hold)
-        return replace(placement, held=pieces, may=None if cone is None else cone.holds)
+        (pieces, cone), pulling = self._in_hand(hold), self._pulls(hold)
+
+        def may(twists: Array) -> NDArray[np.bool_]:
+            kept: NDArray[np.bool_] = pulling(twists) <= self._most
+            return kept if cone is None else kept & cone.holds(twists)
+
+        anything = cone is None and math.isinf(self._most)
+        return replace(placement, held=pieces, may=None if anything else may, pulls=pulling)
+
+    def _pulls(self, hold: Hold) -> Pulls:
+        """What wheels pull for an object in hand."""
+        own = self.problem.robot, hold.kappa, self.problem.objects[hold.number], hold.pose_in_b0
+        return partial(pulls, *own)
 
     def _in_hand(self, hold: Hold) -> tuple[Array, PushingCone | None]:
         """Convex pieces of an object in hand, and the twists that keep it there, where not all."""
@@ -195,82 +209,85 @@ class Handling:
         assert hold is not None, "checked with the problem"
         thing = self.problem.objects[hold.number]
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
-        held, cone = self._in_hand(hold)
         if task.phi_rad is None:
-            count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
+            finely = thing.disc is not None or follows(self.problem.tasks, task.object)
+            count = HEADINGS if finely else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
         poses = np.array([(task.x_m, task.y_m, heading) for heading in headings.tolist()])
         ends = composed(poses, inverse(hold.pose_in_b0))
         together = thing.disc is not None and task.phi_rad is None
         within_m = step_rad * float(np.hypot(*hold.pose_in_b0[:2]))
-        made = Placement(stage, _shape(hold.kappa), at.world(self.problem), held=held)
-        made = replace(made, may=None if cone is None else cone.holds)
+        made = self.holding(Placement(stage, _shape(hold.kappa), at.world(self.problem)), hold)
+        ahead = np.column_stack([np.cos(_AROUND_RAD), np.sin(_AROUND_RAD), 0 * _AROUND_RAD])
+        if words := self._weak(task, float(self._pulls(hold)(ahead).min())):
+            self.refused[f"{task.said(len(at.placements) + 1)}: {words}"] = False
+            return
         for some in [ends] if together else [end[None] for end in ends]:
             yield at.after(replace(made, ends=some, within_m=within_m))
 
     def _followed(self, stage: Stage, task: Follow, at: State) -> Iterator[State]:
         """The stages that lead along a path, from each place where the one before may end."""
-        robot, hold = self.problem.robot, at.hold
-        kappa = self._shape_at(at)
+        robot, hold, kappa = self.problem.robot, at.hold, self._shape_at(at)
         in_b0, room_m = part_in_b0(robot, kappa, task.part), 0.0
-        cone = None if hold is None else self._in_hand(hold)[1]
         if task.object is not None:
             assert hold is not None, "checked with the problem"
-            thing = self.problem.objects[hold.number]
-            in_b0 = hold.pose_in_b0 * [1, 1, thing.disc is None]
+            disc = self.problem.objects[hold.number].disc
+            in_b0 = hold.pose_in_b0 * [1, 1, disc is None]
             room_m = hold.room_m if hold.caged else 0.0
-        if room_m >= task.position_tolerance_m:
-            self.refused[_too_loose(thing.name, room_m, task.position_tolerance_m)] = True
-            return
-        begins, said = self._begins(task, at, in_b0), task.said(len(at.placements) + 1)
-        refused = [begins_well(task, composed(begin, in_b0), room_m) for begin in begins]
-        reasons = [why for why in refused if why is not None]
-        if len(reasons) == len(begins):
-            self.refused[f"{said}: {reasons[0][0]}"] = reasons[0][1] and not at.placements
+            if room_m >= task.position_tolerance_m:
+                self.refused[_too_loose(task.object, room_m, task.position_tolerance_m)] = True
+                return
         least_s = max(stage.least_s, least_time_s(robot, kappa, task, in_b0))
         made = Placement(replace(stage, least_s=least_s), _shape(kappa), at.world(self.problem))
-        drives = [
-            (begin, along)
-            for begin, why in zip(begins, refused, strict=True)
-            if why is None
-            for along in drives_along(robot, np.append(begin, kappa), task, in_b0, room_m)
-        ]
-        met, slid, weak, clear = dict[float, str](), dict[float, str](), list[float](), False
-        physics = robot.true_physics
-        most = physics.pull_N(robot.geometry) / physics.drag_N if robot.physics else math.inf
-        for begin, along in drives:
-            if cone is not None and not cone.holds(along.twists).all():
-                slid.update([_slides(cone, along, in_b0)])
-                continue
-            if (slow := late(robot, task, along, in_b0)) is not None:
-                self.refused[f"{said}: {slow[0]}"] = slow[1] and not at.placements
-                continue
-            share, name = self._met(along.motion.states[0])
-            if name is not None:
-                met[share] = name
-                continue
-            before = at.placements
-            own = replace(made, ends=along.motion.end[None, :POSE], along=along)
-            if hold is not None:
-                held = self.problem.objects[hold.number]
-                pulled = pull(robot, kappa, held, hold.pose_in_b0, along.twists)
-                if pulled > most:
-                    weak.append(pulled)
-                    continue
-                own = replace(self.holding(own, hold), pull=pulled)
+        made = made if hold is None else self.holding(made, hold)
+        before, whys, clear = at.placements, dict[str, _Why](), False
+        for begin in self._begins(task, at, in_b0):
+            astray = begins_well(task, composed(begin, in_b0), room_m)
+            drives, q = list[Along](), np.append(begin, kappa)
+            if astray is None:
+                drives = drives_along(robot, q, task, in_b0, room_m)
+            reasons = [self._hindered(task, hold, along, in_b0) for along in drives]
             if before:
                 before = (*before[:-1], replace(before[-1], ends=begin[None]))
-            clear = True
-            yield at._replace(placements=before).after(own)
-        if weak and not clear:
-            need_N, have_N = (each * physics.drag_N for each in (min(weak), most))
-            words = f"a wheel would pull with {need_N:z.2f} N, and it can with {have_N:z.2f} N"
-            self.refused[f"{said}: so that {task.object} slides {words}"] = False
-        if slid and not clear:
-            self.refused[f"{said}: {task.object} {slid[max(slid)]}"] = False
-        if met and not clear:
-            where = f"{max(met) * task.left.length_m[-1]:z.2f} m along its path"
-            self.refused[f"{said}: the robot meets {met[max(met)]} {where}"] = self._blocked(task)
+            for along, _ in (each for each in zip(drives, reasons, strict=True) if not each[1]):
+                own, clear = replace(made, ends=along.motion.end[None, :POSE], along=along), True
+                yield at._replace(placements=before).after(own)
+            for why in [*reasons, astray and _Why("begin", 0.0, *astray)]:
+                if why and not (why.kind in whys and whys[why.kind].far >= why.far):
+                    whys[why.kind] = why
+        said = task.said(len(before) + 1)
+        for why in () if clear else whys.values():
+            self.refused[f"{said}: {why.words}"] = why.proved and not before
+
+    def _hindered(self, task: Follow, hold: Hold | None, along: Along, in_b0: Array) -> _Why | None:
+        """Reason why a drive does not lead along a path, if there is one."""
+        cone = None if hold is None else self._in_hand(hold)[1]
+        if cone is not None and not cone.holds(along.twists).all():
+            gone_m, words = _slides(cone, along, in_b0)
+            return _Why("slides", gone_m, f"{task.object} {words}", proved=False)
+        if (slow := late(self.problem.robot, task, along, in_b0)) is not None:
+            return _Why("late", 0.0, *slow)
+        share, name = self._met(along.motion.states[0])
+        if name is not None:
+            where = f"the robot meets {name} {share * task.left.length_m[-1]:z.2f} m along its path"
+            return _Why("meets", share, where, self._blocked(task))
+        pull = 0.0 if hold is None else float(self._pulls(hold)(along.twists).max())
+        words = self._weak(task, pull)
+        return _Why("weak", -pull, words, proved=False) if words else None
+
+    @cached_property
+    def _most(self) -> float:
+        """Most that a wheel pulls, over the friction of what is held; inf where nobody knows."""
+        robot, physics = self.problem.robot, self.problem.robot.true_physics
+        return physics.pull_N(robot.geometry) / physics.drag_N if robot.physics else math.inf
+
+    def _weak(self, task: Follow | Carry, pull: float) -> str:
+        """Say that wheels cannot pull so much, over an object's friction; empty: they can."""
+        if pull <= self._most:
+            return ""
+        drag_N = self.problem.robot.true_physics.drag_N
+        words = f"so that {task.object} slides a wheel would pull with {pull * drag_N:z.2f} N"
+        return f"{words}, and it can with {self._most * drag_N:z.2f} N"
 
     def _blocked(self, task: Follow) -> bool:
         """True if an obstacle covers some of a path, and all that is within its tolerance."""
@@ -347,6 +364,15 @@ class Handling:
             shape = _shape(touch.kappa, touch.slack_per_m)
             after = at.after(self._touching(at, stage, shape, ends))
             yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))
+
+
+class _Why(NamedTuple):
+    """Reason why a path is not led along: its kind, how far it is led, words, whether proved."""
+
+    kind: str
+    far: float
+    words: str
+    proved: bool
 
 
 def _slides(cone: PushingCone, along: Along, pose_in_b0: Array) -> tuple[float, str]:

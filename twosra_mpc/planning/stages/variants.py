@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
+from twosra_mpc.model.flow import twists
 from twosra_mpc.planning.stages.along import Along
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
@@ -28,9 +29,10 @@ if TYPE_CHECKING:
     from twosra_mpc.planning.stages.handling import Handling
 
 May = Callable[[Array], NDArray[np.bool_]]  # twists (m, 3) -> which of them drives may have
+Pulls = Callable[[Array], Array]  # twists (m, 3) -> most that a wheel pulls in each, (m,)
 
 _TOUCHING_SAGITTA_M = 1e-4
-_EASILY = 1.1  # times the least pull along a path
+_EASILY = 1.1  # times the least pull along a path, and on the way to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class Placement:
         away: Surroundings at its end; those of all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
         along: The one drive that it is, where it follows a path.
-        pull: Most that a wheel pulls in it for what is held, over that one's friction.
+        pulls: What wheels pull for what is held, over that one's friction.
     """
 
     stage: Stage
@@ -71,7 +73,7 @@ class Placement:
     away: World | None = None
     may: May | None = None
     along: Along | None = None
-    pull: float = 0.0
+    pulls: Pulls | None = None
 
     @property
     def reaches(self) -> bool:
@@ -116,8 +118,9 @@ class Variant:
     @cached_property
     def easy(self) -> list[tuple[Placement, ...]]:
         """Members in which wheels pull easily: plans are looked for here, bounds hold for all."""
-        most = _EASILY * min(map(_pull, self.members))  # nobody knows what wheels can pull
-        return [stages for stages in self.members if _pull(stages) <= most]
+        eased = [_eased(self.problem.start.configuration, each) for each in self.members]
+        most = _EASILY * min(pull for pull, _ in eased)  # nobody knows what wheels can pull
+        return [stages for pull, stages in eased if pull <= most]
 
     @cached_property
     def aimed(self) -> Variant:
@@ -291,9 +294,26 @@ def _ways(
         yield at.after(handling().holding(placed, at.hold) if at.hold else placed)
 
 
-def _pull(stages: Sequence[Placement]) -> float:
-    """Most that a wheel pulls along paths for what is held."""
-    return max((stage.pull for stage in stages), default=0.0)
+def _eased(start: Array, stages: tuple[Placement, ...]) -> tuple[float, tuple[Placement, ...]]:
+    """Most that a wheel pulls along paths and on the way to them, and that way easily begun.
+
+    The way is taken for one screw. It begins where the stage before may end, or at the start.
+    """
+    led = [(k, stage, stage.pulls) for k, stage in enumerate(stages) if stage.along is not None]
+    most, found = 0.0, list(stages)
+    for k, stage, pulls in led:
+        if pulls is None or stage.along is None:
+            continue
+        most = max(most, float(pulls(stage.along.twists).max()))
+        to = stages[k - 1].ends if k > 0 and stages[k - 1].pulls is not None else None
+        begun = start[None, :POSE] if k == 1 else stages[k - 2].ends
+        if to is None or begun is None:
+            continue
+        on_the_way = pulls(twists(begun, to))
+        most = max(most, float(on_the_way.min()))
+        if k > 1:
+            found[k - 2] = replace(stages[k - 2], ends=begun[on_the_way <= _EASILY * most])
+    return most, tuple(found)
 
 
 def _length_m(problem: Problem, stages: Sequence[Placement]) -> float:
