@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, nnls
 
 from twosra_mpc import load_robot
-from twosra_mpc.contact.grip import PushingCone, pulls, pushing_cone
+from twosra_mpc.contact.grip import Pulls, PushingCone, pushing_cone
 from twosra_mpc.contact.touch import grasp_touches
 from twosra_mpc.problem.speeds import drive_rows
 
@@ -119,7 +119,7 @@ def test_wheels_pull_as_little_as_any_forces_along_their_rims(
     pose = np.array([0.004, 0.035, 0.3])
     wheels = drive_rows(V1, kappa)[1] * V1.geometry.wheel_radius_m
     for twist in some_twists(seed, 3):
-        (found,) = pulls(V1, np.array(kappa), disc(0.03), pose, twist[None])
+        found = Pulls.of(V1, np.array(kappa), disc(0.03), pose)(twist)
         u, v, r = twist
         wide_m, (x, y) = 0.6 * 0.03, pose[:2]  # c of a disc
         load = np.array([u - r * y, v + r * x, wide_m**2 * r])

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.study import RUNNING, Count, Measured, Names, Study
 from twosra_mpc import Plan, Problem, plan
-from twosra_mpc.contact.grip import pulls
+from twosra_mpc.contact.grip import Pulls
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import PHYSICS, SimulatedRobot
@@ -94,7 +94,7 @@ class Carried(Study):
         q = made.trajectory.configuration(t_s)
         moved = composed(inverse(q[:-1, :POSE]), q[1:, :POSE])
         own = made.robot, q[0, POSE:], made.problem.objects[0], held.pose_in_b0
-        needs_N = float(pulls(*own, moved).max()) * physics.drag_N
+        needs_N = float(Pulls.of(*own)(moved).max()) * physics.drag_N
         pulls_N = physics.pull_N(made.robot.geometry)
         done_s = found.run.done_s[1:]
         return {

@@ -131,28 +131,39 @@ def _load(contour: Contour, pose: Array) -> tuple[Array, Array]:
     return middle, np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, wide]])
 
 
-def pulls(robot: Robot, kappa: Array, thing: Object, pose_in_b0: Array, twists: Array) -> Array:
-    """Most that one wheel has to pull while an object is moved, over the object's friction, (m,).
+@dataclass(frozen=True, eq=False)
+class Pulls:
+    """Most that one wheel has to pull while an object is moved, over the object's friction.
 
     A wheel pulls along its rim alone: forces and torques that wheels of equal pull can give are a
     zonotope, whose facets lie along two wheels each. What drags least is moved where they pull on
     all four.
 
-    Args:
-        robot: The robot.
-        kappa: Its curvatures, (n,) [1/m].
-        thing: The object.
-        pose_in_b0: Where it is in the frame of b0, (3,).
-        twists: Body twists of b0, (m, 3).
+    Attributes:
+        pose_in_b0: Where the object is in the frame of b0, (3,).
+        facets: Normals of the zonotope's facets, one long at a pull of one, (f, 3).
+        load: Load of a twist of b0, (3, 3): its torque over c.
     """
-    wheels = drive_rows(robot, kappa)[1] * robot.geometry.wheel_radius_m
-    facets = np.array([np.cross(*two) for two in itertools.combinations(wheels, 2)])
-    facets = facets[np.linalg.norm(facets, axis=1) > _FLAT]
-    _, load = _load(Contour.of(thing.own), pose_in_b0)
-    loads = twists @ load.T
-    forces = loads / np.maximum(np.linalg.norm(loads, axis=1, keepdims=True), _STILL_M) @ load
-    most: Array = (np.abs(forces @ facets.T) / np.abs(facets @ wheels.T).sum(axis=1)).max(axis=1)
-    return most
+
+    pose_in_b0: Array
+    facets: Array
+    load: Array
+
+    @classmethod
+    def of(cls, robot: Robot, kappa: Array, thing: Object, pose_in_b0: Array) -> Pulls:
+        """Those of a robot in a shape (n,) with an object at a pose in the frame of b0, (3,)."""
+        wheels = drive_rows(robot, kappa)[1] * robot.geometry.wheel_radius_m
+        facets = np.array([np.cross(*two) for two in itertools.combinations(wheels, 2)])
+        facets = facets[np.linalg.norm(facets, axis=1) > _FLAT]
+        facets /= np.abs(facets @ wheels.T).sum(axis=1, keepdims=True)
+        return cls(pose_in_b0, facets, _load(Contour.of(thing.own), pose_in_b0)[1])
+
+    def __call__(self, twists: Array) -> Array:
+        """The pull at each of body twists of b0 (..., 3), (...,)."""
+        loads = twists @ self.load.T
+        sizes = np.maximum(np.linalg.norm(loads, axis=-1, keepdims=True), _STILL_M)
+        most: Array = np.abs(loads / sizes @ self.load @ self.facets.T).max(axis=-1)
+        return most
 
 
 def _facets(generators: Array) -> Array:

@@ -251,6 +251,9 @@ class _Stops:
                 stop = self._block(stage, blocks[k], begins, drive, aside=not last)
                 self._put(drive, first + before, stop)
                 shape = blocks[k].shape
+        for pose in stage.via:
+            stop = _stop(np.zeros(POSE), pose[None], _all, lambda _: True)
+            self._put(drive, first + befores[-1], stop)
         if number + 1 < len(whole.stages) or not stage.reaches:
             self._put(drive, first + befores[-1], self._ending(stage, shape))
             drive = None

@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.contact.grip import Pulls
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.bending import from_rest_to_rest
 from twosra_mpc.model.flow import Motion, drive
@@ -45,6 +46,7 @@ _LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
 _PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
 _TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
 _ALIKE_RAD = 1e-3  # headings that are the same
+BEGUN_RAD = np.arange(72) * math.tau / 72  # headings with which paths may be begun
 _ROUNDS, _IN_TIME_S = 40, 1e-9  # in which stretches between times come to last as long as asked
 _CHORDS = (1, 2, 4, 8, 16, 32, 64, 128)
 
@@ -112,6 +114,24 @@ def drives_along(
     asked = within, task.due, in_b0
     made = (_along(robot, q, line._replace(headings=each), *asked) for each in headings)
     return sorted(made, key=lambda drive: drive.lasts_s)
+
+
+def easy_headings(line: Polyline, pulls: Pulls) -> Array:
+    """Headings of b0 at which a path is begun with the least pull, one for each way to turn, (k,).
+
+    Args:
+        line: The path; headings along it are free.
+        pulls: What wheels pull for what follows it.
+    """
+    turned, found = line.tangents - line.tangents[0], list[float]()
+    x, y = pulls.pose_in_b0[:2].tolist()
+    turns = np.gradient(turned) / np.diff(line.length_m) if len(turned) > 1 else 0.0 * turned
+    for share in _TURNED:
+        ahead = line.tangents - share * turned - BEGUN_RAD[:, None]
+        r = np.broadcast_to(share * turns, ahead.shape)
+        twist = np.stack([np.cos(ahead) + r * y, np.sin(ahead) - r * x, r], axis=-1)
+        found.append(float(BEGUN_RAD[pulls(twist).max(axis=1).argmin()]))
+    return np.array(found)
 
 
 def _along(

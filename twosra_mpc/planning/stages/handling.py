@@ -5,24 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.contact.grip import PushingCone, caged, pulls, pushing_cone
+from twosra_mpc.contact.grip import Pulls, PushingCone, caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
     Along,
     begins_well,
     drives_along,
+    easy_headings,
     late,
     least_time_s,
     part_in_b0,
 )
-from twosra_mpc.planning.stages.variants import Hold, Placement, Pulls, State
+from twosra_mpc.planning.stages.variants import Hold, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries, follows
@@ -125,8 +126,8 @@ class Handling:
 
     def _pulls(self, hold: Hold) -> Pulls:
         """What wheels pull for an object in hand."""
-        own = self.problem.robot, hold.kappa, self.problem.objects[hold.number], hold.pose_in_b0
-        return partial(pulls, *own)
+        thing = self.problem.objects[hold.number]
+        return Pulls.of(self.problem.robot, hold.kappa, thing, hold.pose_in_b0)
 
     def _in_hand(self, hold: Hold) -> tuple[Array, PushingCone | None]:
         """Convex pieces of an object in hand, and the twists that keep it there, where not all."""
@@ -210,9 +211,12 @@ class Handling:
         thing = self.problem.objects[hold.number]
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
         if task.phi_rad is None:
-            finely = thing.disc is not None or follows(self.problem.tasks, task.object)
-            count = HEADINGS if finely else _PUT_HEADINGS
+            count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
+            paths = follows(self.problem.tasks, task.object).values()
+            for path in (each for each in paths if not each.asks_heading):
+                easy = easy_headings(path.left, self._pulls(hold))
+                headings = np.append(headings, easy + hold.pose_in_b0[2])
         poses = np.array([(task.x_m, task.y_m, heading) for heading in headings.tolist()])
         ends = composed(poses, inverse(hold.pose_in_b0))
         together = thing.disc is not None and task.phi_rad is None
@@ -297,7 +301,8 @@ class Handling:
     def _met(self, q: Array) -> tuple[float, str | None]:
         """Share of a drive (m, 3 + n) that is free of obstacles, and what it meets then, if any."""
         geometry, share, name = self.problem.robot.geometry, 1.0, None
-        own = [parts(geometry, q, j) for j in (None, *range(geometry.segments))]
+        moved = (None, *range(geometry.segments)) if self.problem.obstacles else ()
+        own = [parts(geometry, q, j) for j in moved]
         for item in self.problem.obstacles:
             contour = Contour.of(item)
             overlap = np.any([np.minimum(*apart_m(geometry, contour, each)) < 0 for each in own], 0)

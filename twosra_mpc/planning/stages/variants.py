@@ -15,21 +15,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.contact.grip import Pulls
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
 from twosra_mpc.model.flow import twists
-from twosra_mpc.planning.stages.along import Along
+from twosra_mpc.planning.stages.along import BEGUN_RAD, Along
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass, Stage, orders
 from twosra_mpc.problem.world import Obstacle, World
-from twosra_mpc.robot.coordinates import POSE, Array, composed
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.footprint import SAGITTA_M
 
 if TYPE_CHECKING:
     from twosra_mpc.planning.stages.handling import Handling
 
 May = Callable[[Array], NDArray[np.bool_]]  # twists (m, 3) -> which of them drives may have
-Pulls = Callable[[Array], Array]  # twists (m, 3) -> most that a wheel pulls in each, (m,)
 
 _TOUCHING_SAGITTA_M = 1e-4
 _EASILY = 1.1  # times the least pull along a path, and on the way to it
@@ -56,6 +56,7 @@ class Placement:
         may: Twists (m, 3) -> which of them drives may have, where not all.
         along: The one drive that it is, where it follows a path.
         pulls: What wheels pull for what is held, over that one's friction.
+        via: Poses of b0 on the way to its end, (m, 3).
     """
 
     stage: Stage
@@ -74,6 +75,7 @@ class Placement:
     may: May | None = None
     along: Along | None = None
     pulls: Pulls | None = None
+    via: Array = field(default_factory=lambda: np.zeros((0, POSE)))
 
     @property
     def reaches(self) -> bool:
@@ -101,10 +103,12 @@ class Variant:
     Attributes:
         problem: The problem with its tasks in the order of the variant.
         members: The stages of each way, the shortest one first.
+        easy: Those in which wheels pull easily: plans are looked for here, bounds hold for all.
     """
 
     problem: Problem
     members: tuple[tuple[Placement, ...], ...]
+    easy: tuple[tuple[Placement, ...], ...]
 
     def reaching(self, stage: Placement) -> Problem:
         """The problem of coming from the start to the goal of a stage alone."""
@@ -114,13 +118,6 @@ class Variant:
         start, around = problem.start.with_values(holding=None), stage.world.obstacles
         asked = {"goal": stage.goal, "tasks": stage.passes}
         return problem.with_values(start=start, **asked, objects=(), obstacles=around)
-
-    @cached_property
-    def easy(self) -> list[tuple[Placement, ...]]:
-        """Members in which wheels pull easily: plans are looked for here, bounds hold for all."""
-        eased = [_eased(self.problem.start.configuration, each) for each in self.members]
-        most = _EASILY * min(pull for pull, _ in eased)  # nobody knows what wheels can pull
-        return [stages for pull, stages in eased if pull <= most]
 
     @cached_property
     def aimed(self) -> Variant:
@@ -269,7 +266,7 @@ def ways_of(problem: Problem) -> Ways:
             groups.setdefault(state.key, []).append(state.placements)
         for members in groups.values():
             members.sort(key=partial(_length_m, problem))
-            found.append(Variant(own, tuple(members)))
+            found.append(Variant(own, tuple(members), tuple(_easy(problem, members))))
     found.sort(key=lambda variant: _length_m(problem, variant.members[0]))
     return Ways(tuple(found), refused)
 
@@ -294,26 +291,59 @@ def _ways(
         yield at.after(handling().holding(placed, at.hold) if at.hold else placed)
 
 
-def _eased(start: Array, stages: tuple[Placement, ...]) -> tuple[float, tuple[Placement, ...]]:
-    """Most that a wheel pulls along paths and on the way to them, and that way easily begun.
+def _easy(
+    problem: Problem, members: Sequence[tuple[Placement, ...]]
+) -> Iterator[tuple[Placement, ...]]:
+    """Yield members in which wheels pull least along paths, and on the way to them."""
+    eased = [_eased(problem.start.configuration, stages) for stages in members]
+    most = _EASILY * min(pull for pull, _ in eased)  # nobody knows what wheels can pull
+    yield from (stages for pull, stages in eased if pull <= most)
 
-    The way is taken for one screw. It begins where the stage before may end, or at the start.
+
+def _eased(start: Array, stages: tuple[Placement, ...]) -> tuple[float, tuple[Placement, ...]]:
+    """Most that a wheel pulls along paths and on the way to them, and stages with an easy way.
+
+    It begins where the stage before may end, or at the start: by one screw, or, where none is easy,
+    the robot turns about the object before it carries it and afterwards.
     """
-    led = [(k, stage, stage.pulls) for k, stage in enumerate(stages) if stage.along is not None]
     most, found = 0.0, list(stages)
-    for k, stage, pulls in led:
-        if pulls is None or stage.along is None:
+    for k, stage in enumerate(stages):
+        if stage.along is None or (pulls := stage.pulls) is None:
             continue
         most = max(most, float(pulls(stage.along.twists).max()))
-        to = stages[k - 1].ends if k > 0 and stages[k - 1].pulls is not None else None
-        begun = start[None, :POSE] if k == 1 else stages[k - 2].ends
-        if to is None or begun is None:
+        ends = [start[None, :POSE], *(each.ends for each in stages)]
+        begun, ending = ends[k - 1], ends[k]
+        if k == 0 or begun is None or ending is None or stages[k - 1].pulls is None:
             continue
-        on_the_way = pulls(twists(begun, to))
-        most = max(most, float(on_the_way.min()))
+        (to,) = ending
+        direct = pulls(twists(begun, to))
+        easily = direct <= _EASILY * most
+        if not easily.any():
+            easily = np.arange(len(begun)) == direct.argmin()
+            via = _turning(pulls, begun[direct.argmin()], to)
+            way = np.vstack([begun[easily], via, to])
+            direct = pulls(twists(way[:-1], way[1:])).max(keepdims=True)
+            found[k - 1] = replace(stages[k - 1], via=via)
+        most = max(most, float(direct.min()))
         if k > 1:
-            found[k - 2] = replace(stages[k - 2], ends=begun[on_the_way <= _EASILY * most])
+            found[k - 2] = replace(stages[k - 2], ends=begun[easily])
     return most, tuple(found)
+
+
+def _turning(pulls: Pulls, begin: Array, end: Array) -> Array:
+    """Poses of b0 between which an object is carried easily, about which it turns before and after.
+
+    That is from where it is with b0 at one pose (3,) to where it is with b0 at another, (2, 3).
+    """
+    at = composed(np.array([begin, end])[:, None], pulls.pose_in_b0)
+    at = np.repeat(at, len(BEGUN_RAD), axis=1)
+    at[:, :, 2] = BEGUN_RAD + pulls.pose_in_b0[2]
+    first, last = composed(at, inverse(pulls.pose_in_b0))
+    legs = twists(begin, first), twists(first, last), twists(last, end)
+    pull = np.max([pulls(each) for each in legs], axis=0)
+    turned = np.abs(legs[0][:, 2]) + np.abs(legs[2][:, 2])
+    best = np.where(pull <= _EASILY * pull.min(), turned, np.inf).argmin()
+    return np.array([first[best], last[best]])
 
 
 def _length_m(problem: Problem, stages: Sequence[Placement]) -> float:
