@@ -16,18 +16,17 @@ from twosra_mpc.checking.followed import follower
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
-from twosra_mpc.planning.stages.along import begins_well, part_in_b0
+from twosra_mpc.planning.stages.along import part_in_b0
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
-from twosra_mpc.problem.goals import Goal, GoalSet
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import (
     Carry,
     Follow,
     Grasp,
     Pass,
-    Reach,
     Release,
     Task,
     carries,
@@ -227,7 +226,7 @@ class Mission:
         tasks = self.left
         if tasks and (path := tasks[0].stage(problem.modes).follows) is not None:
             in_b0 = [composed(inverse(q[:POSE]), poses[i]) for i in held if path.object is not None]
-            tasks = (*self._resumed(path, q, *in_b0), *tasks[1:])
+            tasks = (self._resumed(path, q, *in_b0), *tasks[1:])
         aimed: dict[int, Task] = {i: self._aimed(task) for i, task in carries(tasks).items()}
         for i in held:
             cage = cage_of(problem, q, i, composed(inverse(q[:POSE]), poses[i]))
@@ -238,8 +237,8 @@ class Mission:
         self._asked |= dict(zip(left, tasks, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
-    def _resumed(self, task: Follow, q: Array, in_b0: Array | None = None) -> tuple[Task, ...]:
-        """What is left of a path that is followed in part, and before it the way back to it.
+    def _resumed(self, task: Follow, q: Array, in_b0: Array | None = None) -> Follow:
+        """What is left of a path that is followed in part.
 
         Args:
             task: The path.
@@ -251,18 +250,7 @@ class Mission:
         at = composed(np.vstack([*self._path, q])[:, :POSE], in_b0)
         gone_m = task.left.along(at[:, :2], _AHEAD * task.position_tolerance_m)[-1]
         last_m = task.line.length_m[-1] - task.position_tolerance_m
-        left = task.with_values(from_m=float(max(min(task.from_m + gone_m, last_m), task.from_m)))
-        if begins_well(left, at[-1]) is None:
-            return (left,)
-        x_m, y_m = left.left.points[0].tolist()
-        heading = float(left.left.headings[0])
-        phi_rad = None if math.isnan(heading) else heading
-        if task.object is not None:
-            return Carry(object=task.object, x_m=x_m, y_m=y_m, phi_rad=phi_rad), left
-        phi_rad = float(at[-1, 2]) if phi_rad is None else phi_rad
-        b0 = composed(np.array([x_m, y_m, phi_rad]), inverse(in_b0))
-        there = dict(zip(("x_m", "y_m", "phi_rad"), b0.tolist(), strict=True))
-        return Reach(goal=Goal(**there, kappa_per_m=tuple(q[POSE:].tolist()))), left
+        return task.with_values(from_m=float(max(min(task.from_m + gone_m, last_m), task.from_m)))
 
     def poses(self) -> Array:
         """Poses of the objects, as far as is known, (objects, 3)."""

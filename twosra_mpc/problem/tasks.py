@@ -17,7 +17,7 @@ from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet
 from twosra_mpc.problem.polyline import Polyline, flattened, read_path, wrong_place
 from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.problem.world import Object, Obstacle
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
 from twosra_mpc.validation import (
@@ -447,12 +447,54 @@ class Follow(Task):
         """What is left of its path."""
         return self.line.after(self.from_m)
 
+    def astray(self, pose: Array, room_m: float = 0.0) -> tuple[str, bool] | None:
+        """Reason why it is not begun at a pose (3,) of what follows it, and whether none can be.
+
+        Args:
+            pose: Where what follows it is.
+            room_m: How far it may get from there, of the tolerance.
+        """
+        line = self.left
+        x, y = line.points[0].tolist()
+        off_m = math.dist(pose[:2].tolist(), (x, y))
+        off_rad = abs(math.remainder(pose[2] - line.headings[0], math.tau))
+        within_m, within_rad = self.position_tolerance_m - room_m, self.heading_tolerance_rad
+        if off_m <= _BEGINS * within_m and not off_rad > _BEGINS * within_rad:
+            return None
+        turned = f", {math.degrees(off_rad):z.0f} degrees turned" if off_rad > 0 else ""
+        heading = "" if math.isnan(off_rad) else f", phi_rad = {line.headings[0]:z.4g}"
+        to = "carry" if self.object else "reach"
+        asked = f'a task "{to}" before it: x_m = {x:z.4g}, y_m = {y:z.4g}{heading}'
+        words = f"the path begins {1e3 * off_m:z.3g} mm away{turned}: {asked}"
+        return words, off_m > within_m or off_rad > within_rad
+
+    def led_to(self, pose: Array, q: Array) -> Iterator[Task]:
+        """Yield the task that leads to where it begins, if that is elsewhere.
+
+        Args:
+            pose: Where what follows it is, (3,).
+            q: The robot then, (3 + n,).
+        """
+        room_m = self.position_tolerance_m / 2 if self.object else 0.0  # no cage is known yet
+        if self.astray(pose, room_m) is None:
+            return
+        (x_m, y_m), heading = self.left.points[0].tolist(), float(self.left.headings[0])
+        if self.object is not None:
+            phi_rad = None if math.isnan(heading) else heading
+            yield Carry(object=self.object, x_m=x_m, y_m=y_m, phi_rad=phi_rad)
+            return
+        begin = np.array([x_m, y_m, pose[2] if math.isnan(heading) else heading])
+        b0 = composed(begin, composed(inverse(pose), q[:POSE]))
+        there = dict(zip(("x_m", "y_m", "phi_rad"), b0.tolist(), strict=True))
+        yield Reach(goal=Goal(**there, kappa_per_m=tuple(q[POSE:].tolist())))
+
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """In the shape that the robot has, to the end of the path."""
         rigid, due = rigid_mode(len(modes[0])), self.due
         return Stage((rigid,), rigid, follows=self, least_s=float(due[-1, 1]) if len(due) else 0.0)
 
 
+_BEGINS = 0.95  # of the tolerance, from where it is begun; verification proves to within the rest
 _BEZIER = [(3 * k + 1, 2) for k in range(1, 100)]  # shapes of control points
 
 

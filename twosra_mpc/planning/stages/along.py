@@ -19,7 +19,7 @@ limits none moves it, or gathers speed, faster than a vertex of their polytope.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -33,15 +33,15 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
 from twosra_mpc.plans.speed_profile import squared_speeds
 from twosra_mpc.problem.polyline import Polyline
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.speeds import drive_rows, rigid_rows
-from twosra_mpc.problem.tasks import Follow
+from twosra_mpc.problem.tasks import Follow, Task, put
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, composed, wrapped
 from twosra_mpc.robot.description import Robot
 
 _SHARE = 0.2  # of the tolerance, by which the spline departs from the path; the rest is the run's
 _GENTLY = 0.7  # of the wheels' acceleration: the rest is the run's, else it comes past the end
 _MISSED, _MENDED = 0.02, 4  # of the tolerance, by which a drive may miss its spline; tries
-_BEGINS = 0.95  # of the tolerance, from where it is begun; verification proves to within the rest
 _LONGEST_M, _LEAST, _MOST = 0.1, 8, 512  # control points apart, and how many
 _PIECES, _FEW = 4, 96  # of the grid between control points, and of all of it at least
 _TURNED = (0.0, 1.0, 0.5)  # of the path's turns, by headings that are free
@@ -279,24 +279,17 @@ def _shortest_m(line: Polyline, within_m: float) -> Iterator[float]:
         yield float(long_m.sum() - within_m * (2 + np.hypot(*np.diff(along, axis=0).T).sum()))
 
 
-def begins_well(task: Follow, pose: Array, room_m: float = 0.0) -> tuple[str, bool] | None:
-    """Reason why a path is not begun at a pose (3,) of what follows it, and whether none can be.
-
-    Args:
-        task: What is asked.
-        pose: Where what follows it is.
-        room_m: How far it may get from there, of the tolerance.
-    """
-    line = task.left
-    x, y = line.points[0].tolist()
-    off_m = math.dist(pose[:2].tolist(), (x, y))
-    off_rad = abs(math.remainder(pose[2] - line.headings[0], math.tau))
-    within_m, within_rad = task.position_tolerance_m - room_m, task.heading_tolerance_rad
-    if off_m <= _BEGINS * within_m and not off_rad > _BEGINS * within_rad:
-        return None
-    turned = f", {math.degrees(off_rad):z.0f} degrees turned" if off_rad > 0 else ""
-    heading = "" if math.isnan(off_rad) else f", phi_rad = {line.headings[0]:z.4g}"
-    to = "carry" if task.object else "reach"
-    asked = f'a task "{to}" before it: x_m = {x:z.4g}, y_m = {y:z.4g}{heading}'
-    words = f"the path begins {1e3 * off_m:z.3g} mm away{turned}: {asked}"
-    return words, off_m > within_m or off_rad > within_rad
+def with_ways(problem: Problem, tasks: Sequence[Task]) -> Iterator[Task]:
+    """Yield tasks, and before each path that begins elsewhere one that leads to its begin."""
+    q, known = problem.start.configuration, {each.name: each.pose.pose for each in problem.objects}
+    for number, task in enumerate(tasks):
+        stage = task.stage(problem.modes)
+        if (path := stage.follows) is not None:
+            in_b0 = part_in_b0(problem.robot, q[POSE:], path.part)
+            at = composed(q[:POSE], in_b0) if path.object is None else known[path.object]
+            if number == 0 or path.object is not None:
+                yield from path.led_to(at, q)
+        for name, to in put([task]).items():
+            heading = math.nan if to.phi_rad is None else to.phi_rad
+            known[name] = np.array([to.x_m, to.y_m, heading])
+        yield task

@@ -16,7 +16,6 @@ from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_tou
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
     Along,
-    begins_well,
     drives_along,
     easy_headings,
     late,
@@ -246,7 +245,7 @@ class Handling:
         made = made if hold is None else self.holding(made, hold)
         before, whys, clear = at.placements, dict[str, _Why](), False
         for begin in self._begins(task, at, in_b0):
-            astray = begins_well(task, composed(begin, in_b0), room_m)
+            astray = task.astray(composed(begin, in_b0), room_m)
             drives, q = list[Along](), np.append(begin, kappa)
             if astray is None:
                 drives = drives_along(robot, q, task, in_b0, room_m)
