@@ -35,7 +35,7 @@ class Followed(NamedTuple):
         most_rad: The same of the heading, (m,).
         left_m: What it has not come to of the path.
         within_m: How far from the path it may be.
-        due_m: How far from each point that has a time it is then, (k,).
+        due_m: How far from each point that has a time it is then, (k,); inf if it ends before.
         late_s: How much later than due it has come so far, to within its tolerance, (k,).
     """
 
@@ -126,7 +126,9 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
     changed = np.abs(np.diff(at[:, 2])) + np.abs(np.diff(asked))
     sets_off_s = t_s[np.searchsorted(gone, _STILL_M, side="right") - 1]
     due = task.due
-    then = np.column_stack([np.interp(due[:, 1] + sets_off_s, t_s, xy) for xy in poses[:, :2].T])
+    due_s = due[:, 1] + sets_off_s
+    due_s[np.isclose(due_s, t_s[-1], rtol=0.0, atol=SAME_TIME_S)] = t_s[-1]
+    then = [np.interp(due_s, t_s, xy, right=np.inf) for xy in poses[:, :2].T]
     return Followed(
         t_s[marks],
         along_m,
@@ -136,7 +138,7 @@ def followed(task: Follow, t_s: Array, poses: Array) -> Followed:
         _most(off_rad, np.nan_to_num(changed)),
         float(line.length_m[-1] - along_m[-1]),
         near_m,
-        np.hypot(*(then - line.at(due[:, 0])).T),
+        np.hypot(*(np.column_stack(then) - line.at(due[:, 0])).T),
         np.fmax(np.interp(due[:, 0] - near_m, along_m, t_s[marks]) - sets_off_s - due[:, 1], 0.0),
     )
 
@@ -159,7 +161,8 @@ def tube_problems(task: Follow, found: Followed) -> Iterator[str]:
         yield f"its heading is off by {off} (heading_tolerance_rad = {most[1]:zg} rad)"
     if found.due_m.max(initial=0.0) > most[0] + GOAL_TOLERANCE:
         late = int(found.due_m.argmax())
-        when = f"{task.due[late, 1]:z.4g} s after it set off"
-        yield f"it is {1e3 * found.due_m[late]:z.3g} mm from where it is due {when}"
+        where = f"where it is due {task.due[late, 1]:z.4g} s after it set off"
+        far = f"it is {1e3 * found.due_m[late]:z.3g} mm from"
+        yield f"{far if math.isfinite(found.due_m[late]) else 'it ends before it is'} {where}"
     if found.left_m > 2 * most[0]:
         yield f"its path is not followed to the end: {found.left_m:z.3g} m are left"

@@ -92,6 +92,7 @@ class Legs:
         }
         self._modes, self._melts = list[Mode](), NOTHING
         self._held_m = 0.0  # from b0 to what is in hand, at most
+        self._due_s = 0.0  # when what follows a path is at its end, since it set off
         if (held := problem.start.holding) is not None:
             self._held_m = self._at.apart_m(self._where[held]) + 2 * _SLACK_M
         self._caged = self._driven = self._opened = False
@@ -127,6 +128,7 @@ class Legs:
 
     def _leg(self, last: Mode | None, shape: tuple[arb, ...]) -> Leg:
         drive_s = max(self._at.apart_m(self._from), 0.0) / self._speed_m_s
+        drive_s, self._due_s = max(drive_s, self._due_s), 0.0
         leg = Leg(tuple(self._modes), last, shape, self._melts, drive_s)
         self._modes, self._melts, self._shape, self._opened = [], NOTHING, shape, False
         self._from = self._at
@@ -150,8 +152,9 @@ class Legs:
         self._at, self._driven = there, False
 
     def _follow(self, task: Follow) -> None:
-        """Where what follows is at the end of its path, and b0, which is not far."""
+        """Where what follows is at the end of its path, and when; b0 is not far."""
         x, y = task.left.points[-1].tolist()
+        self._due_s = float(task.due[:, 1].max(initial=0.0))
         there = Place(x, y, task.position_tolerance_m + _SLACK_M)
         self._at = there.wider(self._held_m if task.object else outermost_m(self._problem.robot))
         if task.object is not None:

@@ -9,12 +9,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.contact.grip import Pulls, PushingCone, caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
+    BEGUN_RAD,
     Along,
     drives_along,
     easy_headings,
@@ -38,7 +38,6 @@ _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
-_AROUND_RAD = np.arange(360) * math.tau / 360  # ways in which something may be carried
 _STILL_M = 1e-12  # of an object in an interval
 _ALIKE = 6  # decimals of m and 1/m
 _SURELY = 0.7  # of an object's friction: at its limit it slips
@@ -114,28 +113,17 @@ class Handling:
 
     def holding(self, placement: Placement, hold: Hold) -> Placement:
         """The stage with an object in hand."""
-        (pieces, cone), pulling = self._in_hand(hold), self._pulls(hold)
-
-        def may(twists: Array) -> NDArray[np.bool_]:
-            kept: NDArray[np.bool_] = pulling(twists) <= self._most
-            return kept if cone is None else kept & cone.holds(twists)
-
-        anything = cone is None and math.isinf(self._most)
-        return replace(placement, held=pieces, may=None if anything else may, pulls=pulling)
+        thing, robot, cone = self.problem.objects[hold.number], self.problem.robot, None
+        held, pulls = quadrangles(thing.at(hold.pose_in_b0)), self._pulls(hold)
+        if not hold.caged:
+            where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
+            cone = pushing_cone(*where, _SURELY * (thing.friction or 0.0))
+        return replace(placement, held=held, cone=cone, pulls=pulls, most=self._most)
 
     def _pulls(self, hold: Hold) -> Pulls:
         """What wheels pull for an object in hand."""
         thing = self.problem.objects[hold.number]
         return Pulls.of(self.problem.robot, hold.kappa, thing, hold.pose_in_b0)
-
-    def _in_hand(self, hold: Hold) -> tuple[Array, PushingCone | None]:
-        """Convex pieces of an object in hand, and the twists that keep it there, where not all."""
-        thing, geometry = self.problem.objects[hold.number], self.problem.robot.geometry
-        pieces = quadrangles(thing.at(hold.pose_in_b0))
-        if hold.caged:
-            return pieces, None
-        where = geometry, hold.kappa, thing, hold.pose_in_b0
-        return pieces, pushing_cone(*where, _SURELY * (thing.friction or 0.0))
 
     def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
         """The stages that end in each touch that holds an object as asked."""
@@ -207,24 +195,24 @@ class Handling:
         """The stages that end with what is held at a pose."""
         hold = at.hold
         assert hold is not None, "checked with the problem"
-        thing = self.problem.objects[hold.number]
+        thing, pulls = self.problem.objects[hold.number], self._pulls(hold)
+        ahead = np.column_stack([np.cos(BEGUN_RAD), np.sin(BEGUN_RAD), 0 * BEGUN_RAD])
+        if words := self._weak(task, float(pulls(ahead).min())):
+            self.refused[f"{task.said(len(at.placements) + 1)}: {words}"] = False
+            return
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
         if task.phi_rad is None:
             count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
             headings, step_rad = spread((-math.pi, math.pi), count)
             paths = follows(self.problem.tasks, task.object).values()
             for path in (each for each in paths if not each.asks_heading):
-                easy = easy_headings(path.left, self._pulls(hold))
+                easy = easy_headings(path.left, pulls)
                 headings = np.append(headings, easy + hold.pose_in_b0[2])
         poses = np.array([(task.x_m, task.y_m, heading) for heading in headings.tolist()])
         ends = composed(poses, inverse(hold.pose_in_b0))
         together = thing.disc is not None and task.phi_rad is None
         within_m = step_rad * float(np.hypot(*hold.pose_in_b0[:2]))
         made = self.holding(Placement(stage, _shape(hold.kappa), at.world(self.problem)), hold)
-        ahead = np.column_stack([np.cos(_AROUND_RAD), np.sin(_AROUND_RAD), 0 * _AROUND_RAD])
-        if words := self._weak(task, float(self._pulls(hold)(ahead).min())):
-            self.refused[f"{task.said(len(at.placements) + 1)}: {words}"] = False
-            return
         for some in [ends] if together else [end[None] for end in ends]:
             yield at.after(replace(made, ends=some, within_m=within_m))
 
@@ -249,7 +237,7 @@ class Handling:
             drives, q = list[Along](), np.append(begin, kappa)
             if astray is None:
                 drives = drives_along(robot, q, task, in_b0, room_m)
-            reasons = [self._hindered(task, hold, along, in_b0) for along in drives]
+            reasons = [self._hindered(task, made, along, in_b0) for along in drives]
             if before:
                 before = (*before[:-1], replace(before[-1], ends=begin[None]))
             for along, _ in (each for each in zip(drives, reasons, strict=True) if not each[1]):
@@ -262,11 +250,10 @@ class Handling:
         for why in () if clear else whys.values():
             self.refused[f"{said}: {why.words}"] = why.proved and not before
 
-    def _hindered(self, task: Follow, hold: Hold | None, along: Along, in_b0: Array) -> _Why | None:
+    def _hindered(self, task: Follow, made: Placement, along: Along, in_b0: Array) -> _Why | None:
         """Reason why a drive does not lead along a path, if there is one."""
-        cone = None if hold is None else self._in_hand(hold)[1]
-        if cone is not None and not cone.holds(along.twists).all():
-            gone_m, words = _slides(cone, along, in_b0)
+        if made.cone is not None and not made.cone.holds(along.twists).all():
+            gone_m, words = _slides(made.cone, along, in_b0)
             return _Why("slides", gone_m, f"{task.object} {words}", proved=False)
         if (slow := late(self.problem.robot, task, along, in_b0)) is not None:
             return _Why("late", 0.0, *slow)
@@ -274,7 +261,7 @@ class Handling:
         if name is not None:
             where = f"the robot meets {name} {share * task.left.length_m[-1]:z.2f} m along its path"
             return _Why("meets", share, where, self._blocked(task))
-        pull = 0.0 if hold is None else float(self._pulls(hold)(along.twists).max())
+        pull = 0.0 if made.pulls is None else float(made.pulls(along.twists).max())
         words = self._weak(task, pull)
         return _Why("weak", -pull, words, proved=False) if words else None
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.contact.grip import Pulls
+from twosra_mpc.contact.grip import Pulls, PushingCone
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
 from twosra_mpc.model.flow import twists
 from twosra_mpc.planning.stages.along import BEGUN_RAD, Along, with_ways
@@ -53,9 +53,10 @@ class Placement:
         openings: Goals that may do instead, as this one does not say how far to bend.
         entries: Shapes from which it gets around what it grasps, as far open as ``openings``.
         away: Surroundings at its end; those of all of it where None.
-        may: Twists (m, 3) -> which of them drives may have, where not all.
+        cone: Twists in which friction keeps what is held; None: all.
         along: The one drive that it is, where it follows a path.
         pulls: What wheels pull for what is held, over that one's friction.
+        most: What they can pull, likewise; inf: nobody knows.
         via: Poses of b0 on the way to its end, (m, 3).
     """
 
@@ -72,15 +73,24 @@ class Placement:
     openings: tuple[GoalSet, ...] = ()
     entries: tuple[Goal, ...] = ()
     away: World | None = None
-    may: May | None = None
+    cone: PushingCone | None = None
     along: Along | None = None
     pulls: Pulls | None = None
+    most: float = math.inf
     via: Array = field(default_factory=lambda: np.zeros((0, POSE)))
 
     @property
     def reaches(self) -> bool:
         """True if it ends in any pose and shape of its goal."""
         return self.ends is None and self.away is None
+
+    @property
+    def may(self) -> May | None:
+        """Twists (m, 3) -> which of them drives may have; None: all."""
+        pulls, cone = self.pulls, self.cone
+        if pulls is None or (cone is None and math.isinf(self.most)):
+            return None
+        return lambda t: (pulls(t) <= self.most) & (True if cone is None else cone.holds(t))
 
     @property
     def sagitta_m(self) -> float:
