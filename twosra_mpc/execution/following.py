@@ -200,11 +200,14 @@ class Following(PlanPolicy):
 
         From then on it is called soft when it has had the heat for it: see `SegmentWatch.doubted`.
         """
-        self.belief.tell("failure", str(doubt))
+        text, held = str(doubt), self.mission.holding
+        if held is not None and not doubt.bends:
+            text += f"; it holds {held}: can its wheels pull that?"
+        self.belief.tell("failure", text)
         self._doubted += 1
         if doubt.final or self._doubted > self.settings.doubts:
             ending = Ending.SENSOR_FAILED if doubt.bends else Ending.NOT_MOVING
-            return self.verdict(ending, str(doubt))
+            return self.verdict(ending, text)
         return Replanning(self, melting_on=doubt.bends)
 
     def _lost(self, text: str) -> Next:

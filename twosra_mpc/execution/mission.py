@@ -16,7 +16,6 @@ from twosra_mpc.checking.followed import follower
 from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import AstrayError, ObjectLostError, UnseenError
 from twosra_mpc.execution.guard import Guard, cage_of, fitted
-from twosra_mpc.planning.stages.along import part_in_b0
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -35,6 +34,7 @@ from twosra_mpc.problem.tasks import (
     passes,
     put,
 )
+from twosra_mpc.problem.ways import part_in_b0
 from twosra_mpc.problem.world import ACCURACY, Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation, wrapped
 

@@ -29,6 +29,7 @@ from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, inner_goal, read_only
 from twosra_mpc.problem.tasks import Pass, Stage, Task, passes, stages_of, task_problems
 from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
+from twosra_mpc.problem.ways import with_ways
 from twosra_mpc.problem.world import Object, Obstacles, Workspace, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
@@ -264,6 +265,9 @@ class Problem(Value):
         found += task_problems(self.tasks, self.objects, self.obstacles, segments, held)
         if found:
             raise found[0].among(found[1:])
+        if self.order == "given":
+            ways = with_ways(self.robot, self.start.configuration, self.objects, self.tasks)
+            object.__setattr__(self, "tasks", tuple(ways))
         return self
 
     def _wrong_lengths(self) -> Iterator[InputError]:

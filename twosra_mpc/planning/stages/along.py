@@ -19,7 +19,7 @@ limits none moves it, or gathers speed, faster than a vertex of their polytope.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,13 +29,11 @@ from twosra_mpc.contact.grip import Pulls
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.bending import from_rest_to_rest
 from twosra_mpc.model.flow import Motion, drive
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.rigid_motion import twist_vertices
 from twosra_mpc.plans.speed_profile import squared_speeds
 from twosra_mpc.problem.polyline import Polyline
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.speeds import drive_rows, rigid_rows
-from twosra_mpc.problem.tasks import Follow, Task, put
+from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, composed, wrapped
 from twosra_mpc.robot.description import Robot
 
@@ -82,14 +80,6 @@ class Along(NamedTuple):
         inputs, changes = (each[0, :, 2:] for each in (self.motion.inputs, self.motion.changes))
         states = np.vstack([q, drive(q, inputs, changes)])
         return replace(self.motion, states=states[None])
-
-
-def part_in_b0(robot: Robot, kappa: Array, part: str) -> Array:
-    """Pose of what follows a path in the frame of b0, (3,)."""
-    if part == "middle link":
-        return np.zeros(POSE)
-    shape = robot_shape(robot.geometry, np.concatenate([np.zeros(POSE), kappa]), 2)
-    return np.append(shape.centres[0], shape.ends[0, 2])
 
 
 def drives_along(
@@ -277,19 +267,3 @@ def _shortest_m(line: Polyline, within_m: float) -> Iterator[float]:
         long_m = np.hypot(*chords.T)
         along = chords / np.maximum(long_m, 1e-12)[:, None]
         yield float(long_m.sum() - within_m * (2 + np.hypot(*np.diff(along, axis=0).T).sum()))
-
-
-def with_ways(problem: Problem, tasks: Sequence[Task]) -> Iterator[Task]:
-    """Yield tasks, and before each path that begins elsewhere one that leads to its begin."""
-    q, known = problem.start.configuration, {each.name: each.pose.pose for each in problem.objects}
-    for number, task in enumerate(tasks):
-        stage = task.stage(problem.modes)
-        if (path := stage.follows) is not None:
-            in_b0 = part_in_b0(problem.robot, q[POSE:], path.part)
-            at = composed(q[:POSE], in_b0) if path.object is None else known[path.object]
-            if number == 0 or path.object is not None:
-                yield from path.led_to(at, q)
-        for name, to in put([task]).items():
-            heading = math.nan if to.phi_rad is None else to.phi_rad
-            known[name] = np.array([to.x_m, to.y_m, heading])
-        yield task

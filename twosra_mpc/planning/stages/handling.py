@@ -20,13 +20,13 @@ from twosra_mpc.planning.stages.along import (
     easy_headings,
     late,
     least_time_s,
-    part_in_b0,
 )
 from twosra_mpc.planning.stages.variants import Hold, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries, follows
 from twosra_mpc.problem.tolerances import TOUCHING_M
+from twosra_mpc.problem.ways import part_in_b0
 from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts

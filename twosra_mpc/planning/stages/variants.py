@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from twosra_mpc.contact.grip import Pulls, PushingCone
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
 from twosra_mpc.model.flow import twists
-from twosra_mpc.planning.stages.along import BEGUN_RAD, Along, with_ways
+from twosra_mpc.planning.stages.along import BEGUN_RAD, Along
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass, Stage, orders
@@ -265,7 +265,7 @@ def ways_of(problem: Problem) -> Ways:
     for order in [problem.tasks] if problem.order == "given" else orders(problem.tasks, held):
         if found and out_of_effort():
             raise OutOfEffortError
-        own = problem.with_values(tasks=tuple(with_ways(problem, order)))
+        own = problem.with_values(tasks=order)
         if problem.ends_anywhere and order and (goal := order[-1].as_goal) is not None:
             own = problem.with_values(tasks=order[:-1], goal=goal)  # what comes last is the goal
         states = [begin]
