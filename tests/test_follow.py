@@ -14,15 +14,23 @@ from scipy.integrate import solve_ivp
 from twosra_mpc import Follow, InputError, Problem, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.followed import followed, tube_problems
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.contact.grip import Pulls
+from twosra_mpc.control.motors import Motors
+from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.guard import cage_of
 from twosra_mpc.execution.run import Ending
+from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
-from twosra_mpc.planning.stages.along import drives_along, late, least_time_s
+from twosra_mpc.model.flow import twists
+from twosra_mpc.planning.stages.along import drives_along, easy_headings, late, least_time_s
+from twosra_mpc.planning.stages.variants import turning
 from twosra_mpc.plotting.run_figures import run_playback
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.problem.tasks import Carry, put
 from twosra_mpc.problem.ways import part_in_b0
+from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array, composed
 
 ROBOT = load_robot("2sra-v1")
@@ -262,3 +270,61 @@ def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(
     assert isinstance(task, Follow)
     assert task.from_m > 0.3
     assert task.left.length_m[-1] == pytest.approx(task.line.length_m[-1] - task.from_m)
+
+
+def test_motors_turn_as_their_lag_says_and_coast_by_it() -> None:
+    told, period_s, lag_s = np.array([3.0, -1.0, 0.0, 5.0]), 1 / 15, 0.1
+    motors, turned = Motors(lag_s), np.zeros(4)
+    for _ in range(9):
+        turned += motors.turned(told, period_s)
+    own = solve_ivp(lambda _, w: (told - w) / lag_s, (0.0, 0.6), np.zeros(4), rtol=1e-10)
+    assert motors.rad_s == pytest.approx(own.y[:, -1], abs=1e-6)
+    assert turned == pytest.approx(0.6 * told - lag_s * own.y[:, -1], abs=1e-6)
+    left = motors.lag_s * motors.rad_s
+    assert sum(motors.turned(np.zeros(4), period_s) for _ in range(20)) == pytest.approx(
+        left, abs=1e-3 * lag_s
+    )
+
+
+def past_the_end_m(known_lag_s: float) -> float:
+    """How far a robot whose motors lag comes past the end of a straight path."""
+    line = {"do": "follow", "path": [[0, 0], [0.1, 0]], "heading": 0.0}
+    still = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    made = plan(Problem(robot=ROBOT, start=still, tasks=[line], motion="fastest")).require()  # type: ignore[arg-type]
+    robot = SimulatedRobot(made.problem, "as-planned", Disturbance(motor_lag_s=0.1))
+    Executor(robot, ExecutorSettings(motor_lag_s=known_lag_s)).run(made)
+    return float(robot.truth().q[:, 0].max()) - 0.1
+
+
+def test_a_run_that_knows_the_lag_of_its_motors_stops_where_its_path_ends() -> None:
+    assert past_the_end_m(0.1) < 5e-4 < 1e-3 < past_the_end_m(0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_object_is_turned_about_where_no_way_to_its_path_is_easy(seed: int) -> None:
+    """It is where it is meanwhile, and on the way wheels pull next to least."""
+    rng, kappa = np.random.default_rng(seed), np.array([38.0, 38.0])
+    thing = Object(name="cup", pose={"x_m": 0.0, "y_m": 0.0}, disc={"radius_m": 0.03})  # type: ignore[arg-type]
+    pulls = Pulls.of(ROBOT, kappa, thing, np.array([0.0, 0.0345, 0.7]))
+    begin, end = rng.uniform(-0.3, 0.3, (2, 3)) * [1, 1, 10]
+    via = turning(pulls, begin, end)
+    at = composed(np.vstack([begin, via, end]), pulls.pose_in_b0)
+    assert at[[0, 2], :2] == pytest.approx(at[[1, 3], :2], abs=1e-9)
+    ahead = np.linspace(0, np.pi, 1000)
+    ways = np.column_stack([np.cos(ahead), np.sin(ahead), 0 * ahead])
+    assert pulls(twists(via[:1], via[1:]))[0] <= 1.2 * pulls(ways).min()
+
+
+def test_paths_are_begun_at_headings_in_which_wheels_pull_as_little_as_at_any() -> None:
+    kappa, in_b0 = np.array([38.0, 38.0]), np.array([0.0, 0.0345, 0.0])
+    thing = Object(name="cup", pose={"x_m": 0.0, "y_m": 0.0}, disc={"radius_m": 0.03})  # type: ignore[arg-type]
+    pulls = Pulls.of(ROBOT, kappa, thing, in_b0)
+    task = Follow(path={"bezier": random_bezier(1)})  # type: ignore[arg-type]
+
+    def led(heading: float) -> list[float]:
+        at = composed(np.append(task.line.points[0], heading), composed(np.zeros(3), _back(in_b0)))
+        found = drives_along(ROBOT, np.append(at, kappa), task, in_b0)
+        return [float(pulls(each.twists).max()) for each in found]
+
+    easy = min(min(led(heading)) for heading in easy_headings(task.left, pulls).tolist())
+    assert easy <= 1.05 * min(min(led(heading)) for heading in np.arange(0.0, np.pi, 0.4))

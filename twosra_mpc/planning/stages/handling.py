@@ -134,6 +134,7 @@ class Handling:
             if not len(ends.poses):
                 continue
             placement = self._touching(at, stage, _shape(touch.kappa), ends)
+            placement = replace(placement, drives_last=task.hold == "pushed")  # bent, up to it
             if task.hold == "caged":  # it gets in no more than out
                 entries = tuple(self._opened(touch.kappa, share) for share in _OPEN)
                 outside = bool(at.placements) or self._apart(touch.kappa, thing, at.poses[number])

@@ -313,8 +313,8 @@ def _easy(
 def _eased(start: Array, stages: tuple[Placement, ...]) -> tuple[float, tuple[Placement, ...]]:
     """Most that a wheel pulls along paths and on the way to them, and stages with an easy way.
 
-    It begins where the stage before may end, or at the start: by one screw, or, where none is easy,
-    the robot turns about the object before it carries it and afterwards.
+    It begins where the stage before may end, or at the start: by one screw, or, where none is easy
+    and nothing is around, the robot turns about the object before it carries it and afterwards.
     """
     most, found = 0.0, list(stages)
     for k, stage in enumerate(stages):
@@ -327,10 +327,11 @@ def _eased(start: Array, stages: tuple[Placement, ...]) -> tuple[float, tuple[Pl
             continue
         (to,) = ending
         direct = pulls(twists(begun, to))
-        easily = direct <= _EASILY * most
-        if not easily.any():
+        easily = direct <= _EASILY * max(most, direct.min())
+        around = stage.cone or stage.world.obstacles or stage.world.workspace  # in its way
+        if direct.min() > _EASILY * most and not around:
             easily = np.arange(len(begun)) == direct.argmin()
-            via = _turning(pulls, begun[direct.argmin()], to)
+            via = turning(pulls, begun[direct.argmin()], to)
             way = np.vstack([begun[easily], via, to])
             direct = pulls(twists(way[:-1], way[1:])).max(keepdims=True)
             found[k - 1] = replace(stages[k - 1], via=via)
@@ -340,7 +341,7 @@ def _eased(start: Array, stages: tuple[Placement, ...]) -> tuple[float, tuple[Pl
     return most, tuple(found)
 
 
-def _turning(pulls: Pulls, begin: Array, end: Array) -> Array:
+def turning(pulls: Pulls, begin: Array, end: Array) -> Array:
     """Poses of b0 between which an object is carried easily, about which it turns before and after.
 
     That is from where it is with b0 at one pose (3,) to where it is with b0 at another, (2, 3).
