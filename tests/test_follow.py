@@ -15,9 +15,9 @@ from twosra_mpc import Follow, InputError, Problem, Status, load_problem, load_r
 from twosra_mpc.checking.followed import followed, tube_problems
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.contact.grip import Pulls
-from twosra_mpc.control.motors import Motors
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.guard import cage_of
+from twosra_mpc.execution.robot_interface import Motors
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import Disturbance
@@ -28,8 +28,7 @@ from twosra_mpc.planning.stages.along import drives_along, easy_headings, late, 
 from twosra_mpc.planning.stages.variants import turning
 from twosra_mpc.plotting.run_figures import run_playback
 from twosra_mpc.problem.speeds import drive_rows
-from twosra_mpc.problem.tasks import Carry, put
-from twosra_mpc.problem.ways import part_in_b0
+from twosra_mpc.problem.tasks import Carry, part_in_b0, put
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array, composed
 

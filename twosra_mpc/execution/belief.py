@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.control.motors import Motors
 from twosra_mpc.control.stiffness import CLEARLY_S, KnownStiffness, clearly
 from twosra_mpc.errors import InputError, RobotError
 from twosra_mpc.execution.camera_filter import CREEP, EVENING, CameraFilter, only, usable
@@ -20,7 +19,7 @@ from twosra_mpc.execution.guard import (
     TooNearError,
     bends_into_itself,
 )
-from twosra_mpc.execution.robot_interface import Camera, Command, Reading
+from twosra_mpc.execution.robot_interface import Camera, Command, Motors, Reading
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
 from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience

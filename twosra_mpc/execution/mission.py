@@ -31,10 +31,10 @@ from twosra_mpc.problem.tasks import (
     carries,
     follows,
     grasps,
+    part_in_b0,
     passes,
     put,
 )
-from twosra_mpc.problem.ways import part_in_b0
 from twosra_mpc.problem.world import ACCURACY, Object
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse, rotation, wrapped
 
@@ -106,14 +106,14 @@ class Mission:
     def matters_s(self) -> float:
         """Time of the plan up to which shapes count: the next one that is asked for; inf: none."""
         for task, end_s in zip(self._left, self._ends, strict=False):
-            if task.asks_shape and not task.takes:
+            if task.asks_shape and not task.closes:
                 return end_s
         return math.inf
 
     @property
     def closes(self) -> bool:
         """True if the robot closes round an object: which decides what shape it can take."""
-        return bool(self._left) and self._left[0].takes
+        return any(task.closes for task in self._left[:1])
 
     @property
     def pulls(self) -> bool:

@@ -6,6 +6,7 @@ that always happens: whatever ends a run, the last command is wheels zero, heate
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -247,3 +248,31 @@ def _stop(robot: RobotInterface) -> BaseException | None:
             except BaseException as error:  # whatever it is, the next try may get through
                 failure = error
     return failure
+
+
+_AT_REST_RAD_S = 1e-3  # a motor that runs down to this stands
+
+
+class Motors:
+    r"""The motors of the four wheels: each goes to its command with a lag of first order.
+
+    .. math:: \tau\,\dot\omega = \omega_c - \omega
+
+    So what is left to turn once they are told to stand is :math:`\tau\,\omega`.
+
+    Attributes:
+        lag_s: Their time constant; 0: they turn as they are told.
+        rad_s: How fast they turn now, (4,).
+    """
+
+    def __init__(self, lag_s: float) -> None:
+        """They stand."""
+        self.lag_s, self.rad_s = lag_s, np.zeros(WHEELS)
+
+    def turned(self, told_rad_s: Array, period_s: float) -> Array:
+        """Turns in a period in which they are told to turn at these speeds (4,), (4,) [rad]."""
+        behind = self.rad_s - told_rad_s
+        left = behind * math.exp(-period_s / self.lag_s) if self.lag_s > 0 else np.zeros(WHEELS)
+        now = told_rad_s + left
+        self.rad_s = np.where(np.abs(now) < _AT_REST_RAD_S, 0.0, now)
+        return told_rad_s * period_s + self.lag_s * (behind - left)

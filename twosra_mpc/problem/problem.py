@@ -27,9 +27,8 @@ from twosra_mpc.files import built_in_names, check_kind, locate, read_document, 
 from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, inner_goal, read_only
-from twosra_mpc.problem.tasks import Pass, Stage, Task, passes, stages_of, task_problems
+from twosra_mpc.problem.tasks import Pass, Stage, Task, passes, stages_of, task_problems, with_ways
 from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
-from twosra_mpc.problem.ways import with_ways
 from twosra_mpc.problem.world import Object, Obstacles, Workspace, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model

@@ -165,6 +165,11 @@ class Task(Tagged):
         return getattr(self, "object", None)
 
     @property
+    def closes(self) -> bool:
+        """True if it closes round what it is about, which decides what shape the robot can take."""
+        return False
+
+    @property
     def asks_heading(self) -> bool:
         """True if the heading matters of the object that it moves."""
         return False
@@ -309,6 +314,11 @@ class Grasp(Task):
     object: str
     hold: Literal["caged", "pushed"] = "caged"
     directions_rad: Pair = (-math.pi, math.pi)
+
+    @property
+    def closes(self) -> bool:
+        """True for a cage: what is pushed is driven up to."""
+        return self.hold == "caged"
 
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """Until the object is in the rigid robot."""
@@ -538,6 +548,41 @@ def put(tasks: Sequence[Task]) -> dict[str, Carry]:
         if isinstance(task, Carry):
             found[task.object] = task
     return found
+
+
+def part_in_b0(robot: Robot, kappa: Array, part: str) -> Array:
+    """Pose of what follows a path in the frame of b0, (3,)."""
+    if part == "middle link":
+        return np.zeros(POSE)
+    from twosra_mpc.model.outline import robot_shape  # certificates are checked without the model
+
+    shape = robot_shape(robot.geometry, np.concatenate([np.zeros(POSE), kappa]), 2)
+    return np.append(shape.centres[0], shape.ends[0, 2])
+
+
+def with_ways(
+    robot: Robot, q: Array, objects: Sequence[Object], tasks: Sequence[Task]
+) -> Iterator[Task]:
+    """Yield tasks, and before each path that begins elsewhere one that leads to its begin.
+
+    Of a part of the robot that is known where the path is the first task alone.
+
+    Args:
+        robot: The robot.
+        q: Where it starts, (3 + n,).
+        objects: Where they are then.
+        tasks: What is asked, in order.
+    """
+    known = {item.name: item.pose.pose for item in objects}
+    for number, task in enumerate(tasks):
+        path = task.stage([robot.rigid]).follows
+        if path is not None and (number == 0 or path.object is not None):
+            part = composed(q[:POSE], part_in_b0(robot, q[POSE:], path.part))
+            yield from path.led_to(known[path.object] if path.object else part, q)
+        for name, to in put([task]).items():
+            heading = math.nan if to.phi_rad is None else to.phi_rad
+            known[name] = np.array([to.x_m, to.y_m, heading])
+        yield task
 
 
 def follows(tasks: Sequence[Task], name: str) -> dict[int, Follow]:

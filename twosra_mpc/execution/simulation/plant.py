@@ -15,12 +15,11 @@ import numpy as np
 
 from twosra_mpc.arguments import check_size, public
 from twosra_mpc.control.heated_segment import LONGEST_STEP_S, HeatedSegment
-from twosra_mpc.control.motors import Motors
 from twosra_mpc.control.stiffness import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.guard import bends_into_itself
-from twosra_mpc.execution.robot_interface import Reading
+from twosra_mpc.execution.robot_interface import Motors, Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.rolling import Drift, dragged, rolling

@@ -24,9 +24,17 @@ from twosra_mpc.planning.stages.along import (
 from twosra_mpc.planning.stages.variants import Hold, Placement, State
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Follow, Grasp, Stage, carries, follows
+from twosra_mpc.problem.tasks import (
+    Carry,
+    Conform,
+    Follow,
+    Grasp,
+    Stage,
+    carries,
+    follows,
+    part_in_b0,
+)
 from twosra_mpc.problem.tolerances import TOUCHING_M
-from twosra_mpc.problem.ways import part_in_b0
 from twosra_mpc.problem.world import Object, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
@@ -134,8 +142,8 @@ class Handling:
             if not len(ends.poses):
                 continue
             placement = self._touching(at, stage, _shape(touch.kappa), ends)
-            placement = replace(placement, drives_last=task.hold == "pushed")  # bent, up to it
-            if task.hold == "caged":  # it gets in no more than out
+            placement = replace(placement, drives_last=not task.closes)  # up to it
+            if task.closes:  # it gets in no more than out
                 entries = tuple(self._opened(touch.kappa, share) for share in _OPEN)
                 outside = bool(at.placements) or self._apart(touch.kappa, thing, at.poses[number])
                 placement = replace(placement, reshapes=outside, entries=entries)
