@@ -58,6 +58,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
 
 
 _FLAT = 1e-9  # rounding of unit normals
+_PARALLEL = 1e-7  # sine between rays that span no plane
 _OFF = 1e-7  # of a load, out of the cone and still held
 _STILL_M = 1e-12  # of an object in an interval
 
@@ -176,13 +177,13 @@ def _facets(generators: Array) -> Array:
     flat = np.concatenate([axes[rank:], -axes[rank:]])
     own = rays @ axes[:rank].T
     if rank == 3:
-        from scipy.spatial import ConvexHull  # only then anyone waits for it
-
-        hull = ConvexHull(np.vstack([np.zeros(3), own])).equations
-        sides = hull[np.abs(hull[:, 3]) < _FLAT, :3]
-        sides = sides[np.unique(np.round(sides, 9), axis=0, return_index=True)[1]]
+        pairs = np.array([*itertools.combinations(range(len(own)), 2)])
+        across = np.cross(own[pairs[:, 0]], own[pairs[:, 1]])
+        sizes = np.linalg.norm(across, axis=1, keepdims=True)
+        across = across[sizes[:, 0] > _PARALLEL] / sizes[sizes[:, 0] > _PARALLEL]
     else:
         across = own if rank == 1 else np.column_stack([-own[:, 1], own[:, 0]])
-        sides = np.concatenate([across, -across])
-        sides = sides[(sides @ own.T <= _FLAT).all(axis=1)]
+    sides = np.concatenate([across, -across])
+    sides = sides[(sides @ own.T <= _FLAT).all(axis=1)]
+    sides = sides[np.unique(np.round(sides, 9), axis=0, return_index=True)[1]]
     return np.concatenate([flat, sides @ axes[:rank]])
