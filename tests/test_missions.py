@@ -475,7 +475,7 @@ def test_bounds_hold_for_all_members_of_a_variant() -> None:
     for variant in ways_of(problem).variants:
         (all_of_them,) = stage_bounds(variant)[:1]
         for member in variant.members:
-            (alone,) = stage_bounds(Variant(variant.problem, (member,)))[:1]
+            (alone,) = stage_bounds(Variant(variant.problem, (member,), (member,)))[:1]
             assert all_of_them.distance_m <= alone.distance_m + ROUNDING
 
 
