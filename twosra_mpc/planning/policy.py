@@ -35,6 +35,8 @@ def relies(modes: Sequence[Mode]) -> bool:
     return any(len(last_bent(modes[k:])) > 1 for k in range(len(modes)))
 
 
+_ALIKE = 6  # decimals of 1/m
+
 RELYING = Sequences(relies)
 RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) is None)
 
@@ -116,11 +118,15 @@ def _policy(plan: Plan, bends: Sequence[JointBend], most_s: float, worth_s: floa
     """
     share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
     found = dict[tuple[int, ModeSequence], list[tuple[JointBend, float, float]]]()
+    rests = dict[object, Plan | None]()  # of bends that end alike
     surprises = [surprise(plan, bend) for bend in bends]
     costs = [planned_s if new is None else _least_s(plan, new.phase) for new in surprises]
     for k, (bend, new) in enumerate(zip(bends, surprises, strict=True)):
         if new is not None:
-            rest = _rest(plan, new.phase, new.kappa, worth_s)
+            ended = new.phase, *new.kappa.round(_ALIKE).tolist()
+            if ended not in rests:
+                rests[ended] = _rest(plan, new.phase, new.kappa, worth_s)
+            rest = rests[ended]
             other_s = plan.known_end_s(new.phase) + (np.inf if rest is None else _known_s(rest))
             costs[k] = min(other_s, planned_s) if new.right else other_s
             if costs[k] == other_s:

@@ -270,7 +270,7 @@ def verified(
     phases = tuple(
         Phase(mode, start, start + profile.duration_s)
         for mode, start, profile in zip(sequence, starts, profiles, strict=True)
-        if profile.duration_s > SAME_TIME_S
+        if profile.duration_s > SAME_TIME_S or any(mode)  # what may have to be bent then
     )
     finish = times[layout.finish]
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
