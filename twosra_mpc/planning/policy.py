@@ -80,11 +80,11 @@ def _best(plan: Plan, worth_s: float) -> tuple[Plan, Policy]:
     plans, problem, least_s = [plan], plan.problem, math.inf
     bends = problem.robot.joint_bends
     for excluded in (RELYING, RELYING_OR_ALONE) * any(surprise(plan, each) for each in bends):
+        if plans[-1].sequence not in excluded:  # it is the best of the others, too
+            continue
         if (other := _found(problem, excluded, worth_s)) is None:
             break
         plans.append(replace(other, lower_bound=plan.lower_bound))
-        if bent_before(other.sequence) is not None:  # the next would be the same
-            break
     for each in (*plans[1:], plan):  # what needs no recourse is priced at once
         if (priced_so := _policy(each, bends, least_s, worth_s)) is not None:
             made, policy, least_s = each, priced_so, priced_so.cost_s
