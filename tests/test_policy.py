@@ -230,6 +230,12 @@ def test_a_policy_is_kept_in_its_file_and_limits_and_interrupts_end_it(tmp_path:
     del older["policy"], older["robot"]["uncertainty"]
     path.write_text(json.dumps(older))
     assert check_plan(path).ok
+    some = plan(result.problem.with_values(work_limit=100.0))  # of 600
+    assert result.policy is not None
+    assert some.policy is not None
+    assert (some.ending, some.policy.lower_bound) == (Ending.LIMIT, 0.0)
+    assert some.policy.cost_s >= result.policy.lower_bound
+    assert not relies(some.require().sequence)
     short = plan_until_interrupted(result.problem.with_values(work_limit=30.0))
     assert short.found
     assert short.ending in (Ending.LIMIT, Ending.CLOSED)
