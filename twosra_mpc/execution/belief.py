@@ -195,6 +195,14 @@ class Belief:
         return Metal(here_C, share, state[1] if len(state) > 1 else None)
 
     @property
+    def coasts(self) -> bool:
+        """True if all that is to stay soft does so without heat, for as long as it must."""
+        soft = self.setpoint_C >= self.problem.robot.heater.soft_setpoint_C
+        asked = zip(self._watches, self.setpoint_C.tolist(), strict=True)
+        allowed_C = np.array([watch.allowed_C(asked_C) for watch, asked_C in asked])
+        return bool(soft.any() and (allowed_C < self.setpoint_C)[soft].all())
+
+    @property
     def known(self) -> str:
         """What is known about the segments, in words."""
         return ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
@@ -221,10 +229,14 @@ class Belief:
         """True if no frame has come in for so long that none is waited for."""
         return self.now_s - max(self._seen_s, self._begun_s) >= 2 * self.patience.unseen_s
 
+    def certain(self, deviation: Array) -> bool:
+        """True if the standard deviation of what is believed is at most this, (3 + n,)."""
+        return bool((self.deviation <= deviation).all())
+
     def sure(self, scale: Array) -> bool:
         """True if it has been seen lately where the robot is, to a part of these (3 + n,)."""
         lately = self.unseen_s <= self.patience.unseen_s
-        return lately and bool((self.deviation <= self.patience.known * scale).all())
+        return lately and self.certain(self.patience.known * scale)
 
     def ending_unseen(self, left: bool) -> tuple[Ending, str]:
         """Ending of a run whose robot is not seen, or badly; ``left``: something is left to do."""
@@ -257,7 +269,7 @@ class Belief:
             DoubtError: If the robot does not move as it is commanded.
         """
         self._check(reading)
-        begun_s, self.doubtful = self.now_s, False
+        begun_s, self.doubtful, creep = self.now_s, False, EVENING if self._even_out else CREEP
         self.reading = usable(self._timed(reading), self._newest_s)
         if np.isnan(begun_s):
             self._begin()
@@ -267,7 +279,6 @@ class Belief:
         after = before if mode is None else self._rolled(mode, before, turned)
         if mode is not None and self.drives and self.drives[-1].mode != mode:
             self._filter.forget_response()
-        creep = EVENING if self._even_out else CREEP
         lengths_m = self.problem.robot.geometry.lengths_m
         self._filter.predict(self.now_s, after - before, lengths_m, creep)
         self._look()

@@ -88,17 +88,17 @@ class Policy(Protocol):
 
 @dataclass(eq=False)
 class Looking:
-    """A look at the resting robot, until the belief is certain enough or time is up.
+    """A look at the resting robot, until enough is known or time is up.
 
     Attributes:
         belief: What is known of the robot.
-        deviation: Standard deviation that is enough, (3 + n,).
+        enough: True once enough is known.
         at_most_s: How long to look.
         then: What follows.
     """
 
     belief: Belief
-    deviation: Array
+    enough: Callable[[], bool]
     at_most_s: float
     then: Callable[[], Next]
 
@@ -109,11 +109,16 @@ class Looking:
     def advance(self) -> Next:
         """Stand, until then."""
         belief = self.belief
-        left = (belief.deviation > self.deviation).any() and belief.now_s < self._end_s - 1e-9
-        if not left or belief.reading.stiffness != self._stiffness:
+        over = belief.now_s >= self._end_s - 1e-9
+        if over or self.enough() or belief.reading.stiffness != self._stiffness:
             return self.then()
         period_s = _LOOK_PERIODS * belief.camera.period_s
         return rest(belief, belief.setpoint_C, period_s, belief.command)
+
+
+def _never() -> bool:
+    """All of the time is looked."""
+    return False
 
 
 def look_at_objects(belief: Belief, then: Callable[[], Next]) -> Next:
@@ -121,13 +126,14 @@ def look_at_objects(belief: Belief, then: Callable[[], Next]) -> Next:
     if belief.objects is None:
         return then()
     belief.objects.forget()
-    return Looking(belief, np.zeros_like(belief.q), belief.patience.objects_s, then)
+    return Looking(belief, _never, belief.patience.objects_s, then)
 
 
 def look_at_robot(belief: Belief, then: Callable[[], Next]) -> Looking:
     """A look at where the robot has come to."""
     patience, accuracy = belief.patience, belief.accuracy.scale(belief.problem.robot.coordinates)
-    return Looking(belief, patience.certain * accuracy, patience.look_s, then)
+    enough = partial(belief.certain, patience.certain * accuracy)
+    return Looking(belief, enough, patience.look_s, then)
 
 
 def rest(
@@ -204,7 +210,7 @@ class Controller:
         belief, policy = self.belief, self.policy
         if isinstance(trouble, TooNearError):
             then = partial(policy.troubled, trouble)
-            return Looking(belief, np.zeros_like(belief.q), _STOPPED_S, then)
+            return Looking(belief, _never, _STOPPED_S, then)
         if isinstance(trouble, DoubtError):
             belief.doubt_segments(trouble.segments)
         return policy.troubled(trouble)
@@ -249,4 +255,4 @@ class _Suspicion:
     def _looking(self, share: float, at_most_s: float, then: Callable[[], Next]) -> Activity:
         belief = self.belief
         frame = np.sqrt(belief.camera.variance(belief.problem.robot.coordinates))
-        return Looking(belief, share * frame, at_most_s, then)
+        return Looking(belief, partial(belief.certain, share * frame), at_most_s, then)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending
-from twosra_mpc.robot.accuracy import ACCEPTED
+from twosra_mpc.robot.accuracy import ACCEPTED, POSE_SHARE
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, last_bent, soft_segments
@@ -31,6 +32,7 @@ _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slo
 _STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
 _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
 _SLIPS_S, _SLIPS_PER_M2_S = 0.2, 150.0  # ahead its speed is looked at; as much, per (m/s)^2 and s
+_MINUTES = 1.5  # times two deviations: one of 700 bends, each of 300 s, is worth half a second
 _ROUNDING = 1e-9  # [1/m^2]
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
@@ -119,7 +121,7 @@ class Driving:
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode
-        soft_for_s = course.soft_for_s + (np.inf if self._looks else 0.0)  # again: for how long?
+        soft_for_s = course.soft_for_s
         turned = shape(wheels, 1.0 if self.rigid else _COUNTED)
         command = Command(run.setpoint_C, period_s, turned, mode, planned, soft_for_s)
         if not over:
@@ -165,19 +167,55 @@ class Driving:
         return self._look(self.patience.certain, self.patience.look_s, self._looked)
 
     def _look(self, share: float, at_most_s: float, then: Callable[[], Next]) -> Next:
-        """Look until what the phase is judged by is certain to a share of the accuracy."""
+        """Look until it is decided whether the phase is done, or certain to a share."""
         scale = share * self.scale
         if not self.rigid:
             scale[:POSE] = math.inf  # poses are corrected when everything is solid
-        return Looking(self.belief, scale, at_most_s, then)
+        return Looking(self.belief, partial(self._known, scale), at_most_s, then)
+
+    def _known(self, scale: Array) -> bool:
+        """True if the end is surely not near enough, or is and a longer look costs time."""
+        if self.closes:
+            return self.belief.certain(scale)
+        short = self._accepted - self._off()
+        wrong = -short >= self._uncertain()
+        right = short >= self._surely * self._uncertain() and not self._coasts
+        return self.belief.certain(scale) or ((wrong or right) and self._bends_known())
+
+    @property
+    def _coasts(self) -> bool:
+        """True if the bent metal stays soft without heat: a look costs nothing."""
+        return not self.rigid and self.belief.coasts
+
+    def _bends_known(self) -> bool:
+        """True if it is decided whether the goal's curvatures are missed."""
+        if self.rigid or self.mission.closes:
+            return True
+        share = self.belief.accuracy.of_shape(self._predicted_miss())
+        return abs(share - ACCEPTED) >= self.patience.doubtful
 
     def _looked(self) -> Next:
         self._looks += 1
-        doubtful = self._off() + self._uncertain() > ACCEPTED
-        if doubtful and self._looks <= self.patience.tries:
+        patience, again = self.patience, self._looks <= self.patience.tries
+        if again and self._off() + self._uncertain() > self._accepted:
             self._left_s, self._best = self._nearer_s, math.inf
             return self
-        return self._judged_pose() if self.rigid else self._judged_bends()
+        if self.rigid:
+            return self._judged_pose()
+        fine = patience.certain_of_a_melt * self.belief.accuracy.curvature_per_m
+        if again and self._coasts and self.belief.deviation[POSE:].max() > fine:
+            return self._look(patience.certain_of_a_melt, patience.long_look_s, self._looked)
+        return self._judged_bends()
+
+    @property
+    def _surely(self) -> float:
+        """Times `_uncertain`, beyond which a look is over: what is missed costs minutes, or not."""
+        return 1.0 if self.rigid else _MINUTES
+
+    @property
+    def _accepted(self) -> float:
+        """Deviation that is left as it is, in units of the accuracy."""
+        return POSE_SHARE if self.rigid else ACCEPTED
 
     def _judged_pose(self) -> Next:
         if self.bends and self.belief.accuracy.of_pose(self.course.away) > 1.0:
