@@ -174,24 +174,26 @@ class Driving:
         return Looking(self.belief, partial(self._known, scale), at_most_s, then)
 
     def _known(self, scale: Array) -> bool:
-        """True if the end is surely not near enough, or is and a longer look costs time."""
-        if self.closes:
+        """True if the end is surely not near enough, or is and a longer look costs time.
+
+        Of several soft segments each counts for what is planned after a look.
+        """
+        if self.mission.closes or len(self.soft) > 1:
             return self.belief.certain(scale)
         short = self._accepted - self._off()
         wrong = -short >= self._uncertain()
         right = short >= self._surely * self._uncertain() and not self._coasts
-        return self.belief.certain(scale) or ((wrong or right) and self._bends_known())
+        return self.belief.certain(scale) or ((wrong or right) and self._clear)
 
     @property
     def _coasts(self) -> bool:
         """True if the bent metal stays soft without heat: a look costs nothing."""
         return not self.rigid and self.belief.coasts
 
-    def _bends_known(self) -> bool:
-        """True if it is decided whether the goal's curvatures are missed."""
-        if self.rigid or self.mission.closes:
-            return True
-        share = self.belief.accuracy.of_shape(self._predicted_miss())
+    @property
+    def _clear(self) -> bool:
+        """True if it is clear whether the goal's curvatures are missed."""
+        share = 0.0 if self.rigid else self.belief.accuracy.of_shape(self._predicted_miss())
         return abs(share - ACCEPTED) >= self.patience.doubtful
 
     def _looked(self) -> Next:
@@ -226,9 +228,9 @@ class Driving:
         """Judge whether the phases to come lead to the goal's curvatures from here, as they are."""
         if self.mission.closes:
             return self.run.phase_done(self.index)
-        patience, share = self.patience, self.belief.accuracy.of_shape(self._predicted_miss())
-        if abs(share - ACCEPTED) >= patience.doubtful:
+        if self._clear:
             return self._judged_miss()
+        patience = self.patience
         return self._look(patience.certain_of_a_melt, patience.long_look_s, self._judged_miss)
 
     def _judged_miss(self) -> Next:
