@@ -159,6 +159,11 @@ def test_a_release_restores_the_clearance() -> None:
         "task 3 (release)" in p and "mm from cup (clearance_m = 200 mm)" in p for p in problems
     )
     assert told(done_at(trajectory, 2, opened)) == ()  # opening alone gives 20 mm
+    at_least = with_task(replace(trajectory, problem=wide), 2, clearance_m=0.015)
+    assert not any("task 3" in p for p in told(at_least))
+    (problem,) = told(with_task(trajectory, 2, clearance_m=0.2))
+    assert "task 3 (release)" in problem
+    assert problem.endswith("mm from cup (clearance_m = 200 mm)")
 
 
 def test_a_robot_that_cannot_leave_has_not_released() -> None:

@@ -432,6 +432,22 @@ def test_a_mission_goes_on_with_the_object_in_hand() -> None:
     assert again.cost.total < made.cost.total
 
 
+def test_who_may_stay_near_what_it_has_let_go_of_need_not_freeze_to_drive_away() -> None:
+    """Uneven bends let go of a cup by opening both at once, but come no more than 10 mm away."""
+    held = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (-41.8, -34.16)}
+    there = {"do": "carry", "object": "cup", "x_m": 0.2, "y_m": 0.0}
+    thing = cup(0.03) | {"pose": {"x_m": 0.00935, "y_m": -0.03442}}
+    let_go, start = {"do": "release", "object": "cup"}, {**held, "holding": "cup"}
+    problem = mission(there, let_go, start=start, objects=[thing])
+    away = problem.tasks
+    near = tuple(task.kept_from(0.002) for task in away)
+    assert tuple(task.kept_from(0.01) for task in near) == near
+    asked = problem.with_values(modes=((0, 0), (1, 1)), clearance_m=0.02)
+    plans = [plan(asked.with_values(tasks=each)).require() for each in (away, near)]
+    assert [len(made.transitions) for made in plans] == [4, 2]
+    assert plans[1].verification.ok
+
+
 @pytest.mark.parametrize(
     ("at_m", "friction", "why"),
     [

@@ -28,6 +28,7 @@ from twosra_mpc.planning.confirmed_bound import Sequences, at_once, least_costs_
 from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched
 from twosra_mpc.planning.policy import RELYING, relies, surprise
 from twosra_mpc.plans.branches import priced
+from twosra_mpc.problem.limits import CLEARANCE
 from twosra_mpc.robot.joint_bends import JointBend, Uncertainty
 
 ROBOT = load_robot("2sra-v1")
@@ -115,6 +116,44 @@ def test_the_best_of_small_trees_is_found_and_costs_what_its_runs_do() -> None:
     assert measured.difference_s == nominal.cost_s - policy.cost_s
 
 
+def test_a_bend_that_is_zero_if_all_goes_as_planned_is_a_phase_and_makes_misses_good() -> None:
+    """From one even shape to another the correction after an even joint bend is nothing."""
+    shapes: dict[str, dict[str, object]] = {
+        "start": {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (20.0, 20.0)},
+        "goal": {"kappa_per_m": (0.0, 0.0)},
+    }
+    problem = Problem.parse({"robot": ROBOT, "modes": MODES, "risk": "mean", **shapes}, "test")
+    made = searched(problem, excluded=RELYING).require()
+    joint, alone = made.phases[-2:]
+    assert (sum(joint.mode), sum(alone.mode)) == (2, 1)
+    assert alone.start_s == alone.end_s >= joint.end_s
+    assert made.verification.ok
+    assert known_s(made) >= made.duration_s
+    surprises = [surprise(made, bend) for bend in ROBOT.joint_bends]
+    assert all(new is None or new.right for new in surprises)
+
+
+@pytest.mark.parametrize(("at_m", "in_the_way"), [((5.0, 5.0), False), ((0.014, -0.22), True)])
+def test_obstacles_change_a_policy_only_where_they_are_in_its_way(
+    at_m: tuple[float, float], *, in_the_way: bool
+) -> None:
+    """And what they add is found: no policy is below the bound, and its plan keeps clear."""
+    free = plan(problem := bending(6, [0.0, 0.2])).policy
+    disc = {"disc": {"x_m": at_m[0], "y_m": at_m[1], "radius_m": 0.03}}
+    result = plan(problem.with_values(obstacles=(disc,)))
+    policy = result.policy
+    assert free is not None
+    assert policy is not None
+    assert result.require().verification.limits[CLEARANCE.name] >= 0
+    assert policy.known_bound <= policy.lower_bound <= policy.cost_s
+    assert free.lower_bound <= policy.lower_bound * (1 + 1e-9)
+    if in_the_way:
+        assert policy.cost_s > free.cost_s
+    else:
+        assert policy.branches == free.branches
+        assert policy.cost_s == free.cost_s
+
+
 @pytest.mark.parametrize("name", [f"paper-{number}" for number in range(1, 6)])
 def test_published_problems_have_a_policy_near_its_bound(name: str) -> None:
     result = solved(name, risk="mean")
@@ -191,6 +230,12 @@ def test_a_policy_is_kept_in_its_file_and_limits_and_interrupts_end_it(tmp_path:
     del older["policy"], older["robot"]["uncertainty"]
     path.write_text(json.dumps(older))
     assert check_plan(path).ok
+    some = plan(result.problem.with_values(work_limit=100.0))  # of 600
+    assert result.policy is not None
+    assert some.policy is not None
+    assert (some.ending, some.policy.lower_bound) == (Ending.LIMIT, 0.0)
+    assert some.policy.cost_s >= result.policy.lower_bound
+    assert not relies(some.require().sequence)
     short = plan_until_interrupted(result.problem.with_values(work_limit=30.0))
     assert short.found
     assert short.ending in (Ending.LIMIT, Ending.CLOSED)
@@ -209,7 +254,7 @@ def test_what_is_planned_again_relies_on_nothing_it_did_not_count_with() -> None
             ("risk", partial(load_problem, "paper-1", risk=risk))
             for risk in (0, 1.0, "worst", True)
         ),
-        ("risk", partial(load_problem, "doorway", risk="mean")),
+        ("risk", partial(load_problem, "pick-and-place", risk="mean")),
         ("risk", partial(load_problem, "paper-1", risk=0.9, heating="least_energy")),
         ("joint_splits", partial(Uncertainty.parse, {"joint_splits": [1.0]}, "robot")),
         ("joint_splits", partial(Uncertainty.parse, {"joint_splits": []}, "robot")),

@@ -280,7 +280,7 @@ def _differ(one: Plan, other: Plan) -> bool:
 
 def moving_modes(made: Plan) -> ModeSequence:
     """Modes of the phases in which something moves, none twice in a row."""
-    return merged(made.sequence)
+    return merged([each.mode for each in made.phases if each.end_s > each.start_s])
 
 
 def _sequences(made: Plan) -> set[ModeSequence]:

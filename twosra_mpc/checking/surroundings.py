@@ -371,8 +371,9 @@ def _released(task: Release, at: Done) -> Iterator[str]:
     from twosra_mpc.checking.holds import cage_proved
 
     problem, apart = at.trajectory.problem, at.apart_m(task.object)
-    if apart < problem.clearance_m - UNSEEN_M:
-        asked = f"clearance_m = {1e3 * problem.clearance_m:zg} mm"
+    kept_m = problem.clearance_m if task.clearance_m is None else task.clearance_m
+    if apart < kept_m - UNSEEN_M:
+        asked = f"clearance_m = {1e3 * kept_m:zg} mm"
         yield f"the robot is {1e3 * apart:z.3g} mm from {task.object} ({asked})"
         return
     number = at.number(task.object)

@@ -145,7 +145,8 @@ def what_is_left(run: Following) -> Problem | None:
     if run.clearance_m <= left.clearance_m:
         return left
     work = min(left.work_limit, _ROOM_WORK)
-    return left.with_values(clearance_m=run.clearance_m, work_limit=work)
+    tasks = [task.kept_from(left.clearance_m) for task in left.tasks]
+    return left.with_values(clearance_m=run.clearance_m, work_limit=work, tasks=tasks)
 
 
 def has_no_room(problem: Problem, clearance_m: float) -> bool:

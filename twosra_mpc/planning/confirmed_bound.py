@@ -24,6 +24,7 @@ from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
 from twosra_mpc.planning.relaxation import relaxation, stage_bounds, stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.tree import tree_of
+from twosra_mpc.planning.stages.necessity import necessities
 from twosra_mpc.planning.stages.variants import ways_of
 from twosra_mpc.plans.branches import priced
 from twosra_mpc.plans.plan import Plan
@@ -126,6 +127,7 @@ def least_costs_s(
         known_s: Cost of a policy that is known.
     """
     timing = confirmed_model(problem) or transition_model(problem)
+    blocked = _blocked(problem)
     share, least_s, known = 1 / len(bends), known_s, np.full(len(bends), np.inf)
 
     def cost_s(each: Array) -> float:
@@ -133,22 +135,42 @@ def least_costs_s(
 
     for bent in ((), (0,), (1,), (0, 1)) if problem.robot.geometry.segments == 2 else ((),):
         missed_s, right_s = (
-            _melting_s(timing, bent, once, _FARTHEST * known_s) for once in (False, True)
+            _melting_s(timing, bent, once, blocked, _FARTHEST * known_s) for once in (False, True)
         )
         costs = np.where(_suits(problem, bends, bent), min(right_s, missed_s), missed_s)
         known = np.minimum(known, costs.min(axis=0))
         least_s = min(least_s, *map(cost_s, costs))
-    alone_s = least_time_s(timing, least_s, Sequences(lambda modes: bent_before(modes) is not None))
+    joint = Sequences(lambda modes: bent_before(modes) is not None or blocked(modes))
+    alone_s = least_time_s(timing, least_s, joint)
     return alone_s, min(alone_s, cost_s(np.minimum(known, alone_s)))
 
 
-def _melting_s(timing: TransitionModel, bent: tuple[int, ...], once: bool, most_s: float) -> float:
+def _blocked(problem: Problem) -> Callable[[Sequence[Mode]], bool]:
+    """Whether obstacles are proved to forbid a sequence, wherever runs may end; not of missions."""
+    if not problem.obstacles or len(problem.stages) > 1:
+        return lambda modes: False
+    robot, goal = problem.robot, problem.judged_goal
+    ended = problem.with_values(goal=goal.loosened(robot.ends_within.scale(robot.coordinates)))
+    ways = [way for each in ways_of(ended).variants for way in necessities(each)]
+    for way in ways:
+        way.proves_impossible((robot.rigid,))
+    return lambda modes: all(way.blocks(tuple(modes)) is not None for way in ways)
+
+
+def _melting_s(
+    timing: TransitionModel,
+    bent: tuple[int, ...],
+    once: bool,
+    blocked: Callable[[Sequence[Mode]], bool],
+    most_s: float,
+) -> float:
     """Least time of the melts and freezes of any sequence of a kind, or ``most_s`` if that is less.
 
     Args:
         timing: The transition model.
         bent: Segments that are soft before the first joint bend.
         once: Whether it ends `at_once`.
+        blocked: Whether obstacles forbid a sequence.
         most_s: What takes longer need not be looked at [s].
     """
     problem = timing.problem
@@ -163,11 +185,13 @@ def _melting_s(timing: TransitionModel, bent: tuple[int, ...], once: bool, most_
         yield bound.cost, None
 
     first = problem.start_stiffness
-    excluded = Sequences(lambda modes: bent_before(modes) != bent or at_once(modes) != once)
+    others = Sequences(
+        lambda modes: bent_before(modes) != bent or at_once(modes) != once or blocked(modes)
+    )
     facts = problem.cost_weights, relaxation(problem)
     with limited(problem.work_limit, problem.time_limit_s):
         search: SearchResult[None] = branch_and_bound(
-            tree_of(free, first, timing, *facts, known, excluded=excluded),
+            tree_of(free, first, timing, *facts, known, excluded=others),
             gap=0.0,
             out_of_time=lambda: False,
             on_progress=lambda *_: None,

@@ -8,7 +8,7 @@ with melts and freezes in series. A policy is a plan with that recourse, and its
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -35,6 +35,8 @@ def relies(modes: Sequence[Mode]) -> bool:
     return any(len(last_bent(modes[k:])) > 1 for k in range(len(modes)))
 
 
+_ALIKE = 6  # decimals of 1/m
+
 RELYING = Sequences(relies)
 RELYING_OR_ALONE = Sequences(lambda modes: relies(modes) or bent_before(modes) is None)
 
@@ -56,37 +58,51 @@ def plan_policy(
     first = searched(problem, on_progress=on_progress, worth_s=worth_s)
     if first.plan is None or not first.found or first.ending is Ending.INTERRUPTED:
         return first
+    result = first
     try:
-        made, policy = _best(first.plan, worth_s)
-        if not worth_s:
-            bounds = least_costs_s(problem, problem.robot.joint_bends, policy.cost_s)
-            policy = policy._replace(lower_bound=bounds[0], known_bound=bounds[1])
+        for made, policy in _better_and_better(first.plan, worth_s):
+            result = _with_policy(first, made, policy)
     except KeyboardInterrupt:
         return replace(first, ending=Ending.INTERRUPTED)
     except OutOfEffortError:
-        return replace(first, ending=Ending.LIMIT)
-    stats = replace(first.stats, work=spent())
+        result = replace(result, ending=Ending.LIMIT)
+    return replace(result, stats=replace(first.stats, work=spent()))
+
+
+def _with_policy(first: Result, made: Plan, policy: Policy) -> Result:
     if not np.isfinite(policy.mean_s):
         words = f"{made}; no plan of the rest is found where a joint bend misses"
-        return replace(first, words=words, stats=stats)
+        return replace(first, words=words)
     words = f"{made}; {policy.words}"
-    return replace(first, plan=made, status=made.status, words=words, policy=policy, stats=stats)
+    return replace(first, plan=made, status=made.status, words=words, policy=policy)
 
 
-def _best(plan: Plan, worth_s: float) -> tuple[Plan, Policy]:
-    """The plan, which counts joint bends as certain, or one that needs none; with its policy."""
-    plans, problem, least_s = [plan], plan.problem, math.inf
+def _better_and_better(plan: Plan, worth_s: float) -> Iterator[tuple[Plan, Policy]]:
+    """Plans that need no joint bend, then the plan, which counts them as certain; if better.
+
+    At last the best of them again, with the bounds of its policy.
+    """
+    known, problem, found = plan, plan.problem, list[tuple[Plan, Policy]]()
     bends = problem.robot.joint_bends
+
+    def priced_so(made: Plan) -> Iterator[tuple[Plan, Policy]]:
+        most_s = found[-1][1].cost_s if found else math.inf
+        if (policy := _policy(made, bends, most_s, worth_s)) is not None:
+            found.append((made, policy))
+            yield found[-1]
+
     for excluded in (RELYING, RELYING_OR_ALONE) * any(surprise(plan, each) for each in bends):
+        if known.sequence not in excluded:  # it is the best of the others, too
+            continue
         if (other := _found(problem, excluded, worth_s)) is None:
             break
-        plans.append(replace(other, lower_bound=plan.lower_bound))
-        if bent_before(other.sequence) is not None:  # the next would be the same
-            break
-    for each in (*plans[1:], plan):  # what needs no recourse is priced at once
-        if (priced_so := _policy(each, bends, least_s, worth_s)) is not None:
-            made, policy, least_s = each, priced_so, priced_so.cost_s
-    return made, policy
+        known = replace(other, lower_bound=plan.lower_bound)
+        yield from priced_so(known)
+    yield from priced_so(plan)  # last: it needs plans of rests
+    if not worth_s:
+        made, policy = found[-1]
+        least_s, known_s = least_costs_s(problem, bends, policy.cost_s)
+        yield made, policy._replace(lower_bound=least_s, known_bound=known_s)
 
 
 def _found(problem: Problem, excluded: Container[ModeSequence], worth_s: float) -> Plan | None:
@@ -116,11 +132,15 @@ def _policy(plan: Plan, bends: Sequence[JointBend], most_s: float, worth_s: floa
     """
     share, planned_s, risk = 1 / len(bends), _known_s(plan), plan.problem.risk
     found = dict[tuple[int, ModeSequence], list[tuple[JointBend, float, float]]]()
+    rests = dict[object, Plan | None]()  # of bends that end alike
     surprises = [surprise(plan, bend) for bend in bends]
     costs = [planned_s if new is None else _least_s(plan, new.phase) for new in surprises]
     for k, (bend, new) in enumerate(zip(bends, surprises, strict=True)):
         if new is not None:
-            rest = _rest(plan, new.phase, new.kappa, worth_s)
+            ended = new.phase, *new.kappa.round(_ALIKE).tolist()
+            if ended not in rests:
+                rests[ended] = _rest(plan, new.phase, new.kappa, worth_s)
+            rest = rests[ended]
             other_s = plan.known_end_s(new.phase) + (np.inf if rest is None else _known_s(rest))
             costs[k] = min(other_s, planned_s) if new.right else other_s
             if costs[k] == other_s:

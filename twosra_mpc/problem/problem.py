@@ -313,7 +313,7 @@ class Problem(Value):
                     allowed = f"from {-limit:zg} to {limit:zg} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
         if self.risk != "nominal" and not self.only_time:
-            allowed = "nominal with weights, obstacles, objects or tasks"
+            allowed = "nominal with weights, objects or tasks"
             yield InputError("risk", self.risk, allowed)
         yield from self._tasks_outside()
         yield from self._impossible_temperatures()
@@ -540,8 +540,8 @@ class Problem(Value):
 
     @property
     def only_time(self) -> bool:
-        """True if all that counts is the time to reach a goal with nothing around."""
-        other = self.obstacles or self.objects or self.tasks
+        """True if all that counts is the time to reach a goal, with obstacles or without."""
+        other = self.objects or self.tasks
         return not other and not any(self.cost_weights.model_dump().values())
 
     @cached_property

@@ -174,6 +174,11 @@ class Task(Tagged):
         """True if the heading matters of the object that it moves."""
         return False
 
+    def kept_from(self, clearance_m: float) -> Task:
+        """Return the task with no more clearance at its own object, where other things need it."""
+        del clearance_m
+        return self
+
     @property
     def ends_in(self) -> GoalSet | None:
         """The goal set in which it is done, if it is one."""
@@ -509,7 +514,7 @@ _BEZIER = [(3 * k + 1, 2) for k in range(1, 100)]  # shapes of control points
 
 
 class Release(Task):
-    """Open until the object is free, and drive away from it to ``clearance_m``."""
+    """Open until the object is free, and drive away to ``clearance_m``, or that of the problem."""
 
     needs_held: ClassVar[bool | None] = True
     lets_go: ClassVar[bool] = True
@@ -517,6 +522,11 @@ class Release(Task):
 
     do: Literal["release"] = "release"
     object: str
+    clearance_m: NonNegative | None = None
+
+    def kept_from(self, clearance_m: float) -> Release:
+        """Return the task with a clearance, if it has none of its own."""
+        return self if self.clearance_m is not None else self.with_values(clearance_m=clearance_m)
 
     def stage(self, modes: Sequence[Mode]) -> Stage:
         """Until the robot is open, soft or rigid."""

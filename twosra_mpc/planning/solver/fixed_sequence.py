@@ -269,8 +269,10 @@ def verified(
     starts = [times[layout.start(i)] for i in range(layout.phases)]
     phases = tuple(
         Phase(mode, start, start + profile.duration_s)
-        for mode, start, profile in zip(sequence, starts, profiles, strict=True)
-        if profile.duration_s > SAME_TIME_S
+        for before, mode, start, profile in zip(
+            (problem.start_mode, *sequence), sequence, starts, profiles, strict=False
+        )
+        if profile.duration_s > SAME_TIME_S or sum(mode) == 1 < sum(before)  # of a joint bend
     )
     finish = times[layout.finish]
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)

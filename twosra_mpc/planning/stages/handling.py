@@ -29,6 +29,7 @@ from twosra_mpc.problem.tasks import (
     Conform,
     Follow,
     Grasp,
+    Release,
     Stage,
     carries,
     follows,
@@ -73,7 +74,7 @@ class Handling:
         if stage.follows is not None:
             yield from self._followed(stage, stage.follows, at)
         if stage.releases is not None:
-            yield from self._released(stage, at)
+            yield from self._released(stage, stage.releases, at)
 
     def at_start(self) -> Hold:
         """Hold of the object that the start holds.
@@ -328,7 +329,7 @@ class Handling:
         low, high = last[0].goal.box(np.concatenate([pose, start[POSE:]]))
         return np.clip(pose, low[:POSE], high[:POSE])[None]
 
-    def _released(self, stage: Stage, at: State) -> Iterator[State]:
+    def _released(self, stage: Stage, task: Release, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""
         hold, free = at.hold, at._replace(hold=None)
         assert hold is not None, "checked with the problem"
@@ -338,7 +339,10 @@ class Handling:
         around = free.world(self.problem, stage.touches)
         made = Placement(stage, first, around, drives_first=not hold.caged)
         made = replace(made, reshapes=hold.caged, openings=tuple(others))
-        yield free.after(replace(made, away=free.world(self.problem)))
+        away = free.world(self.problem)
+        if task.clearance_m is not None:
+            away = away.with_values(clearance_m=task.clearance_m)
+        yield free.after(replace(made, away=away))
 
     def _opened(self, kappa: Array, share: float) -> Goal:
         """Shapes in which bent segments have no more than a share of their curvature."""
