@@ -21,11 +21,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from twosra_mpc.contact.grip import Pulls
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.bending import from_rest_to_rest
 from twosra_mpc.model.flow import Motion, drive
@@ -36,6 +35,9 @@ from twosra_mpc.problem.speeds import drive_rows, rigid_rows
 from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, composed, wrapped
 from twosra_mpc.robot.description import Robot
+
+if TYPE_CHECKING:
+    from twosra_mpc.contact.grip import Pulls
 
 _SHARE = 0.2  # of the tolerance, by which the spline departs from the path; the rest is the run's
 _GENTLY = 0.7  # of the wheels' acceleration: the rest is the run's, else it comes past the end

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.contact.grip import Pulls, PushingCone
 from twosra_mpc.effort import Cost, OutOfEffortError, charge, out_of_effort, remembered
 from twosra_mpc.model.flow import twists
 from twosra_mpc.planning.stages.along import BEGUN_RAD, Along
@@ -27,6 +26,7 @@ from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.footprint import SAGITTA_M
 
 if TYPE_CHECKING:
+    from twosra_mpc.contact.grip import Pulls, PushingCone
     from twosra_mpc.planning.stages.handling import Handling
 
 May = Callable[[Array], NDArray[np.bool_]]  # twists (m, 3) -> which of them drives may have
