@@ -72,9 +72,7 @@ STUDIES: dict[str, Study] = {
         plant="as-planned",
         risk="nominal",
     ),
-    "closed-loop-scenes": ClosedLoop(
-        problems=("scenes-100:6",), executors=("optimal",), risk="nominal"
-    ),
+    "closed-loop-scenes": ClosedLoop(problems=("scenes-100:6",), executors=("optimal",)),
     "physics": ClosedLoop(
         problems=("published-default",),
         seeds=2,
