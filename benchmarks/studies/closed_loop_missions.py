@@ -10,7 +10,6 @@ from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.problem.world import ACCURACY
-from twosra_mpc.validation import NonNegative
 
 
 class Case(NamedTuple):
@@ -25,7 +24,6 @@ class ClosedLoopMissions(Study):
     Attributes:
         scenario: A built-in mission with an object that is carried.
         level: Level of disturbance.
-        clearance_m: What plans keep to obstacles: as much as runs at this level need.
         seeds: Robots.
     """
 
@@ -34,7 +32,6 @@ class ClosedLoopMissions(Study):
 
     scenario: str = "pick-and-place"
     level: str = "moderate"
-    clearance_m: NonNegative = 0.025
     seeds: Count = 2
 
     def cases(self) -> Iterator[Case]:
@@ -43,7 +40,7 @@ class ClosedLoopMissions(Study):
 
     def run(self, case: Case) -> dict[str, Any]:
         """Run the same plan on the robot of this seed; its ``Metrics``."""
-        made = _planned(self.scenario, self.clearance_m)
+        made = _planned(self.scenario)
         done = simulate(made.problem, plan=made, disturbance=self.level, seed=case.seed).metrics
         return {**done._asdict(), "planned_s": made.duration_s, "came_to": came_to(done._asdict())}
 
@@ -71,5 +68,5 @@ def came_to(made: dict[str, Any]) -> str:
 
 
 @lru_cache
-def _planned(scenario: str, clearance_m: float) -> Plan:
-    return plan(load_problem(scenario, clearance_m=clearance_m)).require()
+def _planned(scenario: str) -> Plan:
+    return plan(load_problem(scenario)).require()
