@@ -44,12 +44,12 @@ CORNERS = """scenario = "shape-change"
 DRAWN = """[random]
 robot = "2sra-v1"
 seed = 2
-count = 16
+count = 10
 position_m = 0.25
 heading_rad = 3.14
 curvature_per_m = 60.0
 """
-COUNT = 16
+COUNT = 10
 TIMES = ["wall_s", "cpu_s", "greedy_wall_s", "greedy_cpu_s"]
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not have the tests

@@ -56,7 +56,7 @@ from twosra_mpc.robot.modes import RIGID, SOFT_1
 
 TINY = ('problems=["tiny:4"]', "repeats=1")
 ONE = 'problems=["published:1"]'
-GOALS = ("goals", "count=20")
+GOALS = ("goals", "count=4")
 
 
 def arguments(folder: Path, name: str, *settings: str) -> list[str]:

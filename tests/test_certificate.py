@@ -175,7 +175,7 @@ def test_a_plan_costs_no_less_than_its_own_sequence(name: str) -> None:
     assert max(map(checker.node_bound, begun)) <= cost
 
 
-@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seed", range(1, 5))
 def test_no_plan_of_a_mission_costs_less_than_is_proved(seed: int) -> None:
     """Goals in a row, exact or wide, in any stiffness or one; every other time in any order."""
     rng = np.random.default_rng(seed)

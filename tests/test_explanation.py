@@ -254,7 +254,7 @@ def test_the_only_mode_cannot_be_forbidden() -> None:
 
 
 def test_where_nothing_needs_to_melt_that_is_said() -> None:
-    problem = load_problem("rigid-move", work_limit=1000.0)
+    problem = load_problem("rigid-move", work_limit=300.0)
     told = explain(problem)
     other = alternative(told, "with any other mode sequence")
     assert other.plan is not None

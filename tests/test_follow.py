@@ -255,7 +255,7 @@ def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(
             robot.push(np.array([0.08, 0.08, 0.1]))
 
     monkeypatch.setattr(SimulatedRobot, "wait", pushing)
-    problem = load_problem("follow-bezier")
+    problem = load_problem("follow-bezier", motion="fastest")
     done = simulate(problem, plan=plan(problem).require())
     run, numbers = done.run, done.metrics
     assert run.ending is Ending.REACHED

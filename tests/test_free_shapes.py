@@ -113,7 +113,7 @@ def test_the_limit_that_lacks_most_is_named_whichever_comes_first(
 def test_goals_fail_only_where_some_shape_of_theirs_is_allowed(seed: int) -> None:
     """Refused exactly where a grid has nothing; never left unfound where it has nothing."""
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
-    for middle, half in boxes(seed + 10, 10):
+    for middle, half in boxes(seed + 10, 6):
         tolerance = Tolerance(kappa_per_m=tuple(half.tolist()))
         goal = Goal(kappa_per_m=tuple(middle.tolist()), tolerance=tolerance)
         asked = Problem(robot=ROBOT, start=start, goal=goal, gap=0.05, time_limit_s=60.0)

@@ -128,7 +128,7 @@ def test_a_plan_file_of_before_is_checked_with_the_limit(crossing: bool, tmp_pat
     assert load_plan(path).found is not crossing
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_of_all_sequences_the_planner_finds_the_best_that_keeps_its_levers(seed: int) -> None:
     rng = np.random.default_rng(seed)
     begin, end = rng.uniform(-30, 30, (2, 2))
@@ -136,8 +136,8 @@ def test_of_all_sequences_the_planner_finds_the_best_that_keeps_its_levers(seed:
     asked = Problem(robot=ARC, start=start, goal=Goal(kappa_per_m=tuple(end)), motion="fastest")
     asked = asked.with_values(max_phases=4, gap=1e-4)
     found, single = plan(asked), list[float]()
-    for soft in itertools.chain(*(itertools.product(MODES[1:], repeat=k) for k in (1, 2))):
-        alone = plan(asked.with_values(modes=(RIGID, *dict.fromkeys(soft))))
+    for soft in itertools.chain(*(itertools.combinations(MODES[1:], k) for k in (1, 2))):
+        alone = plan(asked.with_values(modes=(RIGID, *soft)))
         single += [alone.plan.cost.total] if alone.plan else []
     assert found.require().cost.total <= min(single) * (1 + 2e-4)
     free = plan(asked.with_values(robot=bold(ARC)))

@@ -40,7 +40,7 @@ def carry(to: Any = (0.2, -0.1, 0.5), **more: Any) -> Problem:
     cup = {"name": "cup", "disc": DISC, "pose": {"x_m": IN_B0[0], "y_m": IN_B0[1]}}
     task = {"do": "carry", "object": "cup", "x_m": x, "y_m": y, "phi_rad": phi}
     given = {"start": start, "goal": Anywhere(), "objects": [cup], "tasks": [task], **more}
-    return load_problem("rigid-move", gap=0.06).with_values(**given)
+    return load_problem("rigid-move", gap=0.06, motion="fastest").with_values(**given)
 
 
 def driven(problem: Problem) -> Result:

@@ -432,7 +432,7 @@ def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None
         "wall": {"obstacles": [{"box": {"x_m": [0.0, 0.05], "y_m": [-0.3, 0.3]}}]},
         "task": {"tasks": [{"do": "pass", "x_m": [0.0, 0.1]}]},
     }[walls]
-    base = Problem(robot=ROBOT, start=LEFT, goal=goal, motion="fastest", **given)
+    base = Problem(robot=ROBOT, start=LEFT, goal=goal, motion="fastest", gap=0.05, **given)
     made = plan(base).require()
     placer = Placer([only_goal(base)])
     tree = goal_tree(base, placer, placer.in_the_way)

@@ -336,11 +336,26 @@ def test_a_stop_that_fails_in_an_unknown_way_is_tried_again() -> None:
 # --- logs ----------------------------------------------------------------------------------------
 
 
-def test_a_log_is_the_run_and_is_drawn(tmp_path: Path) -> None:
-    plan = planned("paper-2")
+def test_a_log_is_the_run_is_on_the_disk_under_way_and_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, path, found = planned("paper-2"), tmp_path / "run.json", list[float]()
     firmware = SimulatedFirmware(plan)
-    run = stream(plan, firmware.port, firmware, rate_Hz=5.0, log=tmp_path / "run.json")
-    again = load_run(tmp_path / "run.json")
+    monkeypatch.setattr("twosra_mpc.lab.serial.stream.SAVED_EVERY_S", 60.0)
+    clock = SimpleNamespace(monotonic=firmware.now_s)
+    monkeypatch.setattr("twosra_mpc.lab.serial.stream.time", clock)
+    written = RunFile.end
+
+    def looked(file: RunFile, reason: str) -> None:
+        written(file, reason)
+        found.append(load_run(path).duration_s)
+
+    monkeypatch.setattr(RunFile, "end", looked)
+    run = stream(plan, firmware.port, firmware, rate_Hz=5.0, log=path)
+    assert len(found) > 3
+    assert max(np.diff([0.0, *found])) < 60.0 + 20.0  # no phase lasts longer than that
+    assert run.duration_s > found[-1]
+    again = load_run(path)
     assert again.to_dict() == run.to_dict()
     assert again.ending is Ending.LOGGED
     assert len(again.changes) == plan.cost.transitions
@@ -379,26 +394,6 @@ def test_every_ending_leaves_a_log(tmp_path: Path, kind: str) -> None:
     assert 28.0 < run.duration_s < 33.0
     assert run.log.wheel_rad_s.any()
     assert sum(run.begun) > 0
-    firmware.close()
-
-
-def test_a_run_under_way_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan, path, found = planned("paper-2"), tmp_path / "run.json", list[float]()
-    firmware = SimulatedFirmware(plan)
-    monkeypatch.setattr("twosra_mpc.lab.serial.stream.SAVED_EVERY_S", 60.0)
-    clock = SimpleNamespace(monotonic=firmware.now_s)
-    monkeypatch.setattr("twosra_mpc.lab.serial.stream.time", clock)
-    written = RunFile.end
-
-    def looked(file: RunFile, reason: str) -> None:
-        written(file, reason)
-        found.append(load_run(path).duration_s)
-
-    monkeypatch.setattr(RunFile, "end", looked)
-    run = stream(plan, firmware.port, firmware, rate_Hz=5.0, log=path)
-    assert len(found) > 3
-    assert max(np.diff([0.0, *found])) < 60.0 + 20.0  # no phase lasts longer than that
-    assert run.duration_s > found[-1]
     firmware.close()
 
 

@@ -134,7 +134,7 @@ def test_what_may_be_quicker_does_not_keep_a_far_drive_from_being_tried() -> Non
     """In 80 m it would pay to bend first, and many sequences are bounded below the drive."""
     shape = (20.0, -10.0)
     problem = problem_between(np.zeros(3), np.array([60.0, -80.0, 1.0]), shape)
-    made = plan(problem.with_values(work_limit=2000.0)).require()
+    made = plan(problem.with_values(work_limit=1000.0)).require()
     assert made.duration_s < 850.0
 
 

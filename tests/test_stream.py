@@ -89,12 +89,16 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 
 
 @pytest.mark.parametrize(
-    ("scenario", "rate_Hz"), [("paper-2", RATE_HZ), ("three-segments", SLOW_HZ)]
+    ("scenario", "bend", "rate_Hz"),
+    [("paper-2", None, RATE_HZ), ("three-segments", (0.0, -15.0, 0.0), SLOW_HZ)],
 )
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
-    scenario: str, rate_Hz: float
+    scenario: str, bend: tuple[float, ...] | None, rate_Hz: float
 ) -> None:
-    plan = planned(scenario, robot=regulating(load_problem(scenario).robot))
+    goal = load_problem(scenario).goal
+    if bend:
+        goal = goal.with_values(kappa_per_m=bend)
+    plan = planned(scenario, robot=regulating(load_problem(scenario).robot), goal=goal)
     firmware = SimulatedFirmware(plan)
     drives = send(plan, firmware, rate_Hz, confirm=Confirm.REQUIRED)
     expected = commands_of(plan, rate_Hz)
@@ -109,7 +113,7 @@ def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
     assert_off(firmware)
 
 
-def test_without_reports_everything_happens_at_the_plans_times() -> None:
+def test_without_reports_everything_happens_at_the_plans_times_and_is_told_again() -> None:
     plan = planned("paper-2", transition_quantile=0.9)
     firmware = SimulatedFirmware(plan, SILENT)
     drives = send(plan, firmware, RATE_HZ, confirm=Confirm.NEVER)
@@ -126,6 +130,8 @@ def test_without_reports_everything_happens_at_the_plans_times() -> None:
             planned_soft = plan.samples.heater_setpoint_C[before] >= soft_C
             assert (item.heated <= planned_soft).all()  # pulses hold it
     assert abs(firmware.now_s() - begun_s - plan.samples.t_s[-1]) < 0.6
+    times = [item.time_s for item in firmware.received]
+    assert 0.9 < np.diff(times).max() < 1.1  # a standing robot is told again: within 1.3 s
     assert_off(firmware)
 
 
@@ -226,14 +232,6 @@ def test_the_number_of_the_robot_ends_each_command() -> None:
     send(plan, firmware)
     assert {item.tail for item in firmware.received} == {(12,)}
     assert_off(firmware)
-
-
-def test_a_standing_robot_is_told_again_once_a_second() -> None:
-    plan = planned("paper-2", transition_quantile=0.9)
-    firmware = SimulatedFirmware(plan, SILENT)
-    send(plan, firmware, confirm=Confirm.NEVER)
-    times = [item.time_s for item in firmware.received]
-    assert 0.9 < np.diff(times).max() < 1.1  # the keep-alive: at most 1.3 s
 
 
 # --- other endings -------------------------------------------------------------------------------

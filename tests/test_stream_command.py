@@ -134,18 +134,18 @@ def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
 
 def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path) -> None:
     plan = planned("paper-2", transition_quantile=0.9)
-    outcome = run("stream", saved, "--dry-run", "--rate", "20")
+    outcome = run("stream", saved, "--dry-run", "--rate", "10")
     assert (outcome.code, outcome.err) == (0, "")
     words = outcome.out.split()
     times = np.array([float(word) for word in words[::2]])
     sent = [word.removeprefix("s").removesuffix("\\n").split("\\n") for word in words[1::2]]
     values = np.array(sent, dtype=float)
     assert values.shape[1] == 6
-    travel = (values[:, :4] * np.minimum(np.diff(times, append=times[-1]), 1 / 20)[:, None]).sum(0)
+    travel = (values[:, :4] * np.minimum(np.diff(times, append=times[-1]), 1 / 10)[:, None]).sum(0)
     turned = plan.trajectory.wheel_travel_rad(plan.duration_s)[0]
     np.testing.assert_allclose(travel, turned, atol=2e-3 * plan.moving_s)
     assert (values[-STOPS:] == 0).all()
-    listed = json.loads(run("stream", saved, "--dry-run", "--rate", "20", "--json").out)
+    listed = json.loads(run("stream", saved, "--dry-run", "--rate", "10", "--json").out)
     assert [item["line"].split() for item in listed] == [["s" + v[0], *v[1:]] for v in sent]
     assert abs(times[-STOPS] - plan.samples.t_s[-1]) < 0.2
 

@@ -67,7 +67,7 @@ def problem_of(page: Chrome) -> dict[str, dict[str, list[float]]]:
 def test_a_goal_that_is_bent_by_hand_has_another_sequence(page: Chrome) -> None:
     before, kappa = said(page, "sequence"), problem_of(page)["goal"]["kappa_per_m"]
     assert before == "[0,0] > [1,0] > [1,1]"
-    drag(page, ".handle.goal[data-name=segment0]", *[(2, 6)] * 8)
+    drag(page, ".handle.goal[data-name=segment0]", *[(2, 6)] * 12)
     assert eventually(lambda: said(page, "sequence") not in ("", before))
     assert eventually(lambda: played(page))
     now = problem_of(page)["goal"]["kappa_per_m"]

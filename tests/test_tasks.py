@@ -365,7 +365,7 @@ def test_a_task_that_waits_is_planned_checked_drawn_and_run(
             return Stage((rigid,), rigid, Anywhere(mode=rigid), least_s=self.least_s)
 
     there = load_problem("paper-4")
-    half = {"do": "reach", "x_m": 0.1, "kappa_per_m": (0.0, 20.0)}
+    half = {"do": "reach", "x_m": 0.1}
     problem = there.with_values(tasks=(half, {"do": "wait", "least_s": 60.0, "name": "here"}))
     assert [stage.words for stage in problem.stages][1:] == ["wait here", "reach the goal"]
     found = plan(problem)

@@ -37,7 +37,7 @@ def points(made: Plan, q: Array) -> Array:
 
 def visited(made: Plan) -> Array:
     """The outline at many times of every motion."""
-    times = [np.linspace(phase.start_s, phase.end_s, 1500) for phase in made.phases]
+    times = [np.linspace(phase.start_s, phase.end_s, 700) for phase in made.phases]
     return points(made, made.trajectory.configuration(np.concatenate(times)))
 
 

@@ -238,7 +238,7 @@ class HeatBelief(ArrayValue):
         middle, deviation = self._level
         return middle - _SURELY * deviation, middle + self.surely * deviation
 
-    @property
+    @cached_property
     def _level(self) -> tuple[float, float]:
         """Most probable level of the metal, as the nominal model's, and its standard deviation."""
         return self._estimate(self.fit.segments.level)

@@ -57,7 +57,7 @@ def map_command(
 
     \b
     Which sequence is best for which shape?
-      twosra map paper-1 --over kappa1,kappa2 --plot map.png
+      twosra map paper-1 --over kappa1,kappa2 --size 9 --plot map.png
     """
     from twosra_mpc.lab.studio.goal_map import WORK, goal_map
 
