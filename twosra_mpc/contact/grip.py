@@ -58,7 +58,6 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
 
 
 _FLAT = 1e-9  # rounding of unit normals
-_PARALLEL = 1e-7  # sine between rays that span no plane
 _OFF = 1e-7  # of a load, out of the cone and still held
 _STILL_M = 1e-12  # of an object in an interval
 
@@ -177,10 +176,10 @@ def _facets(generators: Array) -> Array:
     flat = np.concatenate([axes[rank:], -axes[rank:]])
     own = rays @ axes[:rank].T
     if rank == 3:
-        pairs = np.array([*itertools.combinations(range(len(own)), 2)])
-        across = np.cross(own[pairs[:, 0]], own[pairs[:, 1]])
-        sizes = np.linalg.norm(across, axis=1, keepdims=True)
-        across = across[sizes[:, 0] > _PARALLEL] / sizes[sizes[:, 0] > _PARALLEL]
+        from scipy.spatial import ConvexHull  # only then anyone waits for it
+
+        hull = ConvexHull(np.concatenate([np.zeros((1, 3)), own]))
+        across = hull.equations[np.abs(hull.equations[:, 3]) <= _FLAT, :3]
     else:
         across = own if rank == 1 else np.column_stack([-own[:, 1], own[:, 0]])
     sides = np.concatenate([across, -across])
