@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from once import planned
-from problems import ROBOT, bound_of, network_of, only_goal, random_problem
+from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, random_problem
 
 from twosra_mpc import InputError, Plan, Problem, load_robot, plan
 from twosra_mpc.checking.certificate import check
@@ -60,20 +60,23 @@ def test_a_plan_from_any_state_is_verified_and_no_bound_is_above_its_cost(
         assert check(problem, certificate).bound <= found.cost.total + 1e-9
 
 
-@pytest.mark.parametrize(
-    ("fractions", "timing"),
-    [((0.5, 0.5), "nominal"), ((0.1, 1.0), "constant"), ((0.5, 0.5), "paper")],
-)
-def test_the_search_finds_what_solving_every_sequence_finds(
-    fractions: tuple[float, float], timing: str
-) -> None:
-    problem = half_molten(*fractions, timing=timing)
+EVERY = {  # problems of which all sequences are solved, and the longest of these
+    "nominal": (half_molten(0.5, 0.5), 3),
+    "constant": (half_molten(0.1, 1.0, timing="constant"), 3),
+    "paper": (half_molten(0.5, 0.5, timing="paper"), 3),
+    "fast metal": (random_problem(21, robot=faster_robot(100.0), gap=0.001, max_phases=4), 4),
+}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_search_finds_what_solving_every_sequence_finds(name: str) -> None:
+    problem, longest = EVERY[name]
     solver, task, best = GoalSolver(only_goal(problem)), bending_task(problem), math.inf
     bounded = []
     for n in (1, 2, 3):
         for head in itertools.product(all_modes(2), repeat=n):
             sequence = (*head, RIGID) if any(head[-1]) else head
-            if len(sequence) > 3 or any(a == b for a, b in itertools.pairwise(sequence)):
+            if len(sequence) > longest or any(a == b for a, b in itertools.pairwise(sequence)):
                 continue
             if not unreachable_reason(sequence, task) and (bound := bound_of(problem, sequence)):
                 bounded.append((bound, sequence))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from once import planned, solved
-from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, random_problem
+from problems import ROBOT, bound_of, network_of, only_goal, random_problem
 
 import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
@@ -27,9 +26,7 @@ from twosra_mpc import (
     plan,
 )
 from twosra_mpc.effort import Cost, Ending, charge, limited
-from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import Progress
-from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.solver.fixed_sequence import Candidate
 from twosra_mpc.planning.solver.sequence_solver import GoalSolver, Solved, trusted
@@ -72,31 +69,6 @@ def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
 def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: float) -> None:
     result = planned(name, robot=ROBOT)
     assert result.duration_s == pytest.approx(total, abs=0.05)
-
-
-def test_the_search_finds_what_solving_every_sequence_finds() -> None:
-    """With fast metal, where motion decides; with the robot's, see ``test_any_start``."""
-    problem = random_problem(21, robot=faster_robot(100.0), gap=0.001, max_phases=4)
-    solver, task = GoalSolver(only_goal(problem)), bending_task(problem)
-    best, bounded = math.inf, []
-    for n in (1, 2):
-        for soft in itertools.product((SOFT_1, SOFT_2, SOFT_BOTH), repeat=n):
-            sequence = (RIGID, *soft, RIGID)
-            if any(a == b for a, b in itertools.pairwise(soft)):
-                continue
-            if unreachable_reason(sequence, task):
-                continue
-            if bound := bound_of(problem, sequence):
-                bounded.append((bound, sequence))
-    for bound, sequence in sorted(bounded, key=lambda each: each[0].cost):  # soon no other is below
-        if bound.cost < best:
-            solved = solver(network_of(problem, sequence), bound)
-            best = min([best, *(found[0] for found in solved if found)])
-    result = plan(problem).require()
-    assert math.isfinite(best)
-    assert result.cost.total <= best * 1.001 + 1e-9
-    assert result.lower_bound is not None
-    assert result.lower_bound <= best + 1e-9
 
 
 def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
