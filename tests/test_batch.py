@@ -41,15 +41,10 @@ CORNERS = """scenario = "shape-change"
 "goal.kappa_per_m.0" = [20.0, 60.0]
 "goal.kappa_per_m.1" = [20.0, 60.0]
 """
-DRAWN = """[random]
-robot = "2sra-v1"
-seed = 2
-count = 10
-position_m = 0.25
-heading_rad = 3.14
-curvature_per_m = 60.0
-"""
 COUNT = 10
+RANDOM = {"robot": "2sra-v1", "seed": 2, "count": COUNT}
+RANDOM |= {"position_m": 0.25, "heading_rad": 3.14, "curvature_per_m": 60.0}
+DRAWN = "[random]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in RANDOM.items())
 TIMES = ["wall_s", "cpu_s", "greedy_wall_s", "greedy_cpu_s"]
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not have the tests
@@ -103,19 +98,14 @@ def assert_same(found: pd.DataFrame, expected: pd.DataFrame) -> None:
 @pytest.fixture(scope="module")
 def undisturbed() -> pd.DataFrame:
     """The table of the random problems, made in this process without Dask."""
-    problems = Problems(Spec(random=_random()), Path())
+    problems = Problems(Spec(random=RANDOM), Path())
     every = list(problems.posed(np.zeros(COUNT, dtype=bool)))
     rows = plan_chunk(every, Asked("optimal", False)).rows
     return folder.frame_of(rows, problems.kinds, greedy=False)
 
 
-def _random() -> dict[str, object]:
-    lines = [line.split(" = ") for line in DRAWN.splitlines()[1:]]
-    return {key: json.loads(value) for key, value in lines}
-
-
 def test_a_row_says_what_the_plan_is(undisturbed: pd.DataFrame) -> None:
-    (posed, *_) = Problems(Spec(random=_random()), Path()).posed(np.zeros(COUNT, dtype=bool))
+    (posed, *_) = Problems(Spec(random=RANDOM), Path()).posed(np.zeros(COUNT, dtype=bool))
     made = plan(Problem(**posed.document)).require()
     row = undisturbed.iloc[0]
     kinds = [activity.kind for activity in critical_path(made)]
@@ -275,7 +265,7 @@ def test_a_batch_goes_on_whatever_ended_it(
 
 
 def test_a_worker_that_dies_loses_nothing(client: Client, undisturbed: pd.DataFrame) -> None:
-    problems = Problems(Spec(random=_random()), Path())
+    problems = Problems(Spec(random=RANDOM), Path())
     victim = next(iter(client.run(os.getpid).values()))
     rows = []
     for found in planned(

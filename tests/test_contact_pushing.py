@@ -77,9 +77,8 @@ def test_it_is_a_convex_cone_that_friction_widens(seed: int, friction: float) ->
 @settings(max_examples=5)
 def test_facets_agree_with_forces_found(seed: int, friction: float) -> None:
     """The same cone by non-negative least squares over contact forces."""
-    thing, touch = disc(0.06), TOUCH
-    pose = touch.pose_in_b0
-    cone = pushing_cone(V2.geometry, touch.kappa, thing, pose, friction)
+    pose = TOUCH.pose_in_b0
+    cone = pushing_cone(V2.geometry, TOUCH.kappa, disc(0.06), pose, friction)
     into = pose[:2] - cone.contacts
     into /= np.linalg.norm(into, axis=1, keepdims=True)  # a disc: towards its centre
     across = np.column_stack([-into[:, 1], into[:, 0]])
