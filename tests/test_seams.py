@@ -349,7 +349,7 @@ def test_the_top_level_stays_small() -> None:
 # 25 end looks once they are decided.
 MOST_CORE_LINES, MOST_CORE_FILES = 30_167, 204
 MOST_LINES = 39_299
-MOST_LINES_OF_TESTS = 32_556
+MOST_LINES_OF_TESTS = 32_571
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 
