@@ -22,7 +22,7 @@ from twosra_mpc.planning.bounds.rigid_motion import PoseChange, least_time, rows
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
-from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.solver.guess import clipped_w, guess_motion
 from twosra_mpc.planning.solver.shape_plane import cells_of
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
@@ -169,15 +169,9 @@ def _drive(
     return remembered(8)(partial(rigid_time, alone, begins=begins))
 
 
-def _w(problem: Problem, *ends: Array) -> Array:
-    """W of the shapes of ends of boxes, clipped to the limits, (ends, n)."""
-    limit = problem.robot.limits.curvature_per_m
-    return bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
-
-
 def _changes(problem: Problem, after: Box) -> Intervals:
     """Changes of W since t = 0 that lead into a box."""
-    here, low, high = _w(problem, problem.start.configuration, *after)
+    here, low, high = clipped_w(problem, problem.start.configuration, *after)
     return _intervals(low - here, high - here)
 
 
@@ -191,7 +185,7 @@ def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=tuple(middle.tolist()))
     goal = Goal(kappa_per_m=tuple(shape.tolist()), tolerance=tolerance)
     task = bending_task(Alone(problem.robot, start, goal, None))
-    within = np.abs(_w(problem, *before) - task.origin).max(axis=0)
+    within = np.abs(clipped_w(problem, *before) - task.origin).max(axis=0)
     return replace(
         task,
         change=_wider(task.change, within),

@@ -46,7 +46,7 @@ from twosra_mpc.planning.bounds.bends import (
     least_efforts,
 )
 from twosra_mpc.planning.bounds.linear_program import proved_minimum
-from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, best_constraint
+from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.planning.bounds.pose_phases import PhaseMotions
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, fixed_cost, with_durations
 from twosra_mpc.problem.problem import Weights
@@ -165,7 +165,10 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
     whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
     least = timed.least | whole
-    return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
+    for side in task.pose.sides:
+        program = PoseProgram(task.pose, phases, network.layout, least, cost, side)
+        enough = min(enough, program.best(bound_with, enough)[0])
+    return enough
 
 
 def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
