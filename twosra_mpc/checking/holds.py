@@ -141,8 +141,6 @@ def _leads_away(free: Callable[[int], Bools], headings: int) -> bool:
 
     Headings go round, and are asked for when the flood comes to them.
     """
-    from scipy.ndimage import binary_propagation  # only then anyone waits for it
-
     dry = {0: free(0)}
     middle = np.zeros_like(dry[0])
     middle[tuple(size // 2 for size in middle.shape)] = True
@@ -152,7 +150,7 @@ def _leads_away(free: Callable[[int], Bools], headings: int) -> bool:
         if heading not in dry:
             dry[heading] = free(heading)
         boxes = dry[heading]
-        flood = binary_propagation(flood & boxes, mask=boxes)
+        flood = _filled(boxes, flood & boxes)
         if flood[[0, -1]].any() or flood[:, [0, -1]].any():
             return True
         if flood.any():
@@ -160,6 +158,26 @@ def _leads_away(free: Callable[[int], Bools], headings: int) -> bool:
             for beside in ((heading - 1) % headings, (heading + 1) % headings):
                 floods[beside] = floods.get(beside, False) | flood
     return False
+
+
+def _filled(free: Bools, flood: Bools) -> Bools:
+    """Free boxes of one heading to which a flood gets, along rows and columns."""
+    lines = (_runs(free), _runs(free.T).T)
+    while True:
+        before = flood
+        for runs in lines:
+            wet = np.zeros(free.size + 1, dtype=bool)
+            wet[runs[flood]] = True
+            flood = wet[runs] & free
+        if np.array_equal(flood, before):
+            return flood
+
+
+def _runs(free: Bools) -> NDArray[np.intp]:
+    """Numbers of the runs of free boxes along rows."""
+    begins = free.copy()
+    begins[:, 1:] &= ~free[:, :-1]
+    return begins.ravel().cumsum().reshape(free.shape)
 
 
 def pushes(geometry: Geometry, thing: Object, pose_in_b0: Array, q: Array, twists: Array) -> Bools:
