@@ -10,7 +10,7 @@ import numpy as np
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.bounds.bends import least_durations
-from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, sequence_bound
+from twosra_mpc.planning.bounds.sequence_bound import Events, SequenceBound, sequence_bound
 from twosra_mpc.planning.relaxation import bending_task, stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
@@ -74,7 +74,7 @@ def bound_of(problem: Problem, sequence: ModeSequence, last: Mode = RIGID) -> Se
     if not all(map(math.isfinite, durations)):
         return None
     network = transition_model(problem).network(sequence, last, durations)
-    return sequence_bound(network, task, problem.cost_weights, durations)
+    return sequence_bound(Events(network, problem.cost_weights, durations), task)
 
 
 def guessed(

@@ -11,7 +11,7 @@ from problems import ROBOT, bound_of, faster_robot, guessed, network_of, random_
 
 from twosra_mpc import Goal, load_robot, plan
 from twosra_mpc.planning.bounds.bends import least_bends, least_durations, unreachable_reason
-from twosra_mpc.planning.bounds.sequence_bound import pose_bound
+from twosra_mpc.planning.bounds.sequence_bound import Events, pose_bound
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled, solve, verified
 from twosra_mpc.problem.problem import Weights
@@ -72,7 +72,8 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
         if bound is None:
             continue
         durations = least_durations(sequence, task)
-        tighter = pose_bound(network, task, problem.cost_weights, durations, math.inf)
+        events = Events(network, problem.cost_weights, durations)
+        tighter = pose_bound(events, task, math.inf)
         guess = guessed(problem, sequence, intervals=8)
         for candidate in (scheduled(guess, network, problem, 0), solve(guess, network, problem)):
             if candidate is not None:
@@ -129,14 +130,14 @@ def test_with_fast_metal_the_change_of_pose_raises_the_bound() -> None:
     network, bound = network_of(problem, sequence), bound_of(problem, sequence)
     assert bound is not None
     task = bending_task(problem)
-    durations = least_durations(sequence, task)
-    tighter = pose_bound(network, task, problem.cost_weights, durations, math.inf)
+    events = Events(network, problem.cost_weights, least_durations(sequence, task))
+    tighter = pose_bound(events, task, math.inf)
     assert bound.cost < tighter <= result.cost.total
     assert result.cost.total - tighter < 0.6 * (result.cost.total - bound.cost)
     assert result.gap is not None
     assert result.gap < 0.08
     enough = bound.cost + 0.2 * (tighter - bound.cost)
-    early = pose_bound(network, task, problem.cost_weights, durations, enough)
+    early = pose_bound(events, task, enough)
     assert enough <= early <= tighter + 1e-6
 
 
@@ -144,11 +145,10 @@ def test_without_a_goal_pose_or_a_choice_of_bends_the_pose_proves_nothing() -> N
     problem = random_problem(0)
     task = bending_task(problem)
     chosen = (RIGID, SOFT_1, SOFT_2, SOFT_BOTH, RIGID)
-    network = network_of(problem, chosen)
-    assert pose_bound(network, task, problem.cost_weights, [0.0] * 5, math.inf) == -math.inf
+    events = Events(network_of(problem, chosen), problem.cost_weights, [0.0] * 5)
+    assert pose_bound(events, task, math.inf) == -math.inf
     free = problem.with_values(goal=Goal(kappa_per_m=problem.goal.kappa_per_m))
     sequence = (RIGID, SOFT_1, SOFT_2, RIGID)
     durations = least_durations(sequence, bending_task(free))
-    network = network_of(free, sequence)
-    weights = problem.cost_weights
-    assert pose_bound(network, bending_task(free), weights, durations, math.inf) == -math.inf
+    events = Events(network_of(free, sequence), problem.cost_weights, durations)
+    assert pose_bound(events, bending_task(free), math.inf) == -math.inf

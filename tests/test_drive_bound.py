@@ -18,7 +18,7 @@ from twosra_mpc.planning.bounds.drive_bound import (
     _slices,
     least_drive_time,
 )
-from twosra_mpc.planning.bounds.rigid_motion import least_time, twist_vertices
+from twosra_mpc.planning.bounds.rigid_motion import PoseChange, least_time, twist_vertices
 from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.problem.speeds import rigid_rows
 
@@ -61,7 +61,8 @@ def test_no_motion_is_faster_than_the_bound(seed: int) -> None:
     if seed % 4 == 3:
         shift[rng.integers(2)] = math.nan
     low, high = (-math.inf, math.inf) if seed % 6 == 5 else turns
-    bound = least_drive_time(rows, shift, box[:2], (low, high), modulo, 1.3 * duration)
+    change = PoseChange(shift, box[:2], (low, high), modulo)
+    bound = least_drive_time(rows, change, 1.3 * duration)
     assert 0 <= bound <= duration * (1 + 1e-9)
 
 
@@ -79,7 +80,8 @@ def test_turning_to_drive_faster_and_back_is_bounded_nearly_exactly() -> None:
         for twist, seconds in legs:
             pose = drive(pose, twist, seconds)
         duration = 2 * turn_s + 1.0
-        bound = least_drive_time(STRAIGHT, pose[:2], np.zeros(2), (0, 0), False, 1.1 * duration)
+        change = PoseChange(pose[:2], np.zeros(2), (0, 0), False)
+        bound = least_drive_time(STRAIGHT, change, 1.1 * duration)
         assert bound <= duration * (1 + 1e-9)
         shares.append(bound / duration)
     assert max(shares) > 0.98, shares
@@ -148,9 +150,11 @@ def test_asking_for_more_never_lowers_the_bound(robot: Robot, ramps: bool) -> No
 
 def test_a_box_around_the_start_and_free_positions_prove_nothing() -> None:
     near, free = np.array([0.01, 0.0]), np.full(2, math.nan)
-    assert least_drive_time(STRAIGHT, near, np.full(2, 0.1), (-1, 1), False, 2.0) == 0.0
-    assert least_drive_time(STRAIGHT, free, np.zeros(2), (1, 1), False, 2.0) == 0.0
-    assert least_time(STRAIGHT, free, np.zeros(2), (1, 1), False, 2.0) > 0.0
+    change = PoseChange(near, np.full(2, 0.1), (-1, 1), False)
+    assert least_drive_time(STRAIGHT, change, 2.0) == 0.0
+    change = PoseChange(free, np.zeros(2), (1, 1), False)
+    assert least_drive_time(STRAIGHT, change, 2.0) == 0.0
+    assert least_time(STRAIGHT, change, 2.0) > 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -161,8 +165,9 @@ def test_no_step_gains_more_than_between_the_headings_of_a_coarse_grid(seed: int
     vertices = twist_vertices(rows)
     assert vertices is not None
     along = rng.uniform(-0.2, 0.2, 2)
-    asked, goal = np.ones(2, dtype=bool), (-0.5, 0.5)
-    made = _Drive(rows, vertices, along, np.zeros(2), asked, goal, until_s=3.0)
+    goal = -0.5, 0.5
+    change = PoseChange(along, np.zeros(2), goal, False)
+    made = _Drive(rows, vertices, change, goal, until_s=3.0)
     grid, _ = made._grid(16)
     h, m = float(grid[1] - grid[0]), len(made.slices) // 2
     step_s, excess = m * h / made.fastest_turn, []

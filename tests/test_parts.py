@@ -22,6 +22,7 @@ from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.bounds.bends import bend_steps, free_bends, middle_bends
 from twosra_mpc.planning.bounds.parts import bound_by_parts
+from twosra_mpc.planning.bounds.sequence_bound import Events
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.solver.fixed_sequence import scheduled
 from twosra_mpc.problem.limits import broken_by_shapes
@@ -48,9 +49,9 @@ def unlucky() -> Problem:
 
 def parts_of(problem: Problem, sequence: ModeSequence) -> tuple[float, Array]:
     """The bound by parts, and its bends."""
-    network, task = network_of(problem, sequence), bending_task(problem)
     known_s = [0.0] * len(sequence)
-    found = bound_by_parts(network, task, problem.cost_weights, known_s, math.inf)
+    events = Events(network_of(problem, sequence), problem.cost_weights, known_s)
+    found = bound_by_parts(events, bending_task(problem), math.inf)
     assert found is not None
     return found.cost, found.bends
 
@@ -146,7 +147,6 @@ def test_its_bends_are_a_plan_close_to_the_bound(unlucky: Problem) -> None:
 def test_where_there_is_no_choice_there_are_no_parts() -> None:
     problem = exactly(random_problem(0))
     sequence = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
-    network, task = network_of(problem, sequence), bending_task(problem)
     assert problem.robot is ROBOT
-    least_s = [0.0] * 4
-    assert bound_by_parts(network, task, problem.cost_weights, least_s, math.inf) is None
+    events = Events(network_of(problem, sequence), problem.cost_weights, [0.0] * 4)
+    assert bound_by_parts(events, bending_task(problem), math.inf) is None

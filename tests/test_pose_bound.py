@@ -89,7 +89,7 @@ def proved(problem: Problem, sequence: ModeSequence) -> float:
     task = bending_task(problem)
     durations = least_durations(sequence, task)
     network = network_of(problem, sequence, problem.goal.mode)
-    return pose_bound(network, task, problem.cost_weights, durations, math.inf)
+    return pose_bound(bounds.Events(network, problem.cost_weights, durations), task, math.inf)
 
 
 # --- what the phases can do -----------------------------------------------------------------

@@ -16,7 +16,7 @@ from twosra_mpc import Goal, Problem, Start, load_robot, plan
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.bounds import rigid_motion
 from twosra_mpc.planning.bounds.linear_program import minimise
-from twosra_mpc.planning.bounds.rigid_motion import headings_visited, least_time
+from twosra_mpc.planning.bounds.rigid_motion import PoseChange, headings_visited, least_time
 from twosra_mpc.planning.relaxation import rigid_time
 from twosra_mpc.problem.speeds import drive_rows, rigid_rows
 from twosra_mpc.robot.modes import RIGID
@@ -109,7 +109,8 @@ def test_no_drive_from_rest_to_rest_is_faster_than_the_bound(seed: int) -> None:
         (0, 1, True),
     ):
         turns = (pose[2] - 0.1 * wide, pose[2] + 0.2 * wide)
-        asked = rows, pose[:2], np.full(2, 0.01 * wide), turns, around, 1.5 * at[-1]
+        change = PoseChange(pose[:2], np.full(2, 0.01 * wide), turns, around)
+        asked = rows, change, 1.5 * at[-1]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(rigid_motion, "FAR_RAD", 0.0 if around else math.inf)
             bound = least_time(*asked, gained, bool(priced))
@@ -174,7 +175,8 @@ def test_free_and_loose_goals_are_never_bounded_above_a_tight_one(goal: Goal) ->
 def test_wheels_that_cannot_hold_the_body_give_no_bound() -> None:
     matrix = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, 0.2], [1.0, 0.0, 0.3], [1.0, 0.0, 0.4]])
     shift = np.array([1.0, 0.0])
-    assert least_time(matrix, shift, np.zeros(2), (0.0, 0.0), True, known_s=9.0) == 0.0
+    change = PoseChange(shift, np.zeros(2), (0.0, 0.0), True)
+    assert least_time(matrix, change, known_s=9.0) == 0.0
 
 
 def test_all_headings_that_a_motion_into_a_box_visits_are_covered() -> None:
@@ -196,7 +198,8 @@ def test_a_solver_that_is_wrong_proves_nothing_too_high(
     rows, goal = np.diag([1.0, 1.0, 0.5]), np.array([0.3, 0.4])
 
     def bound() -> float:
-        return least_time(rows, goal, np.full(2, 0.1), (0.0, 0.0), False, known_s=1.0)
+        change = PoseChange(goal, np.full(2, 0.1), (0.0, 0.0), False)
+        return least_time(rows, change, known_s=1.0)
 
     exact = bound()
 
@@ -212,7 +215,8 @@ def test_a_solver_that_is_wrong_proves_nothing_too_high(
 def test_rounding_is_taken_off_a_bound(turn_rad: float) -> None:
     """To turn on the spot, less or more than once round, takes a time that is known exactly."""
     rows, least_s = np.diag([20.0, 20.0, 1 / 0.3]), turn_rad / 0.3
-    bound = least_time(rows, np.zeros(2), np.zeros(2), (turn_rad, turn_rad), False, least_s)
+    change = PoseChange(np.zeros(2), np.zeros(2), (turn_rad, turn_rad), False)
+    bound = least_time(rows, change, least_s)
     assert (1 - 1e-8) * least_s < bound < least_s
 
 
@@ -224,7 +228,8 @@ def test_a_turn_and_a_drive_are_bounded_exactly_wherever_the_panels_lie(turn_rad
     takes_s, shares = 1.0 + 0.6 / turn_rad_s, []
     for angle in np.linspace(0.25, 0.35, 17):
         shift = np.array([math.cos(angle), math.sin(angle)])
-        bound = least_time(rows, shift, np.zeros(2), (0.6, 0.6), False, 1.2 * takes_s)
+        change = PoseChange(shift, np.zeros(2), (0.6, 0.6), False)
+        bound = least_time(rows, change, 1.2 * takes_s)
         shares.append(bound / takes_s)
     assert max(shares) <= 1.0
     assert min(shares) > 0.999

@@ -103,7 +103,7 @@ def test_no_goal_of_a_box_costs_less_than_the_bounds_of_the_box(seed: int) -> No
         if whole is None:
             continue
         least = least_durations(sequence, task)
-        cut = bound_by_parts(network, task, box.cost_weights, least, np.inf)
+        cut = bound_by_parts(bounds.Events(network, box.cost_weights, least), task, np.inf)
         assert cut is not None
         parts = cut.cost
         assert (1 - 1e-3) * whole.cost <= parts  # it is cut into other pieces

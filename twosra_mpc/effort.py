@@ -18,7 +18,7 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache, update_wrapper
-from typing import ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 from twosra_mpc.arguments import Word
 from twosra_mpc.errors import TwosraError
@@ -29,6 +29,7 @@ _IN_A_UNIT = 10_000  # work is counted in whole parts, so that sums are exact
 _LOOK = 5 * _IN_A_UNIT  # work between two looks at the clock
 
 Given = ParamSpec("Given")
+Owner = TypeVar("Owner")
 Made = TypeVar("Made")
 
 
@@ -182,6 +183,20 @@ def limit_reached() -> str | None:
 def out_of_effort() -> bool:
     """True if nothing more should be begun."""
     return limit_reached() is not None
+
+
+def once(
+    make: Callable[Concatenate[Owner, Given], Made],
+) -> Callable[Concatenate[Owner, Given], Made]:
+    """Keep what a method makes for each of its arguments, as long as there is its object."""
+
+    def asked(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Made:
+        made: dict[object, Made] = vars(owner).setdefault(f"{make.__name__} by arguments", {})
+        if (key := (args, *kwargs.items())) not in made:
+            made[key] = make(owner, *args, **kwargs)
+        return made[key]
+
+    return update_wrapper(asked, make)
 
 
 def remembered(most: int) -> Callable[[Callable[Given, Made]], Callable[Given, Made]]:

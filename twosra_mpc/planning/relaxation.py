@@ -18,11 +18,11 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.bounds.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.bounds.drive_bound import least_drive_time
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
-from twosra_mpc.planning.bounds.rigid_motion import least_time, rows_of_any
+from twosra_mpc.planning.bounds.rigid_motion import PoseChange, least_time, rows_of_any
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation
 from twosra_mpc.planning.search.nodes import InTheWay
 from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
-from twosra_mpc.planning.solver.guess import guess_motion
+from twosra_mpc.planning.solver.guess import clipped_w, guess_motion
 from twosra_mpc.planning.solver.shape_plane import cells_of
 from twosra_mpc.planning.stages.variants import Placement, Variant
 from twosra_mpc.problem.ends import look_for_shape
@@ -169,15 +169,9 @@ def _drive(
     return remembered(8)(partial(rigid_time, alone, begins=begins))
 
 
-def _w(problem: Problem, *ends: Array) -> Array:
-    """W of the shapes of ends of boxes, clipped to the limits, (ends, n)."""
-    limit = problem.robot.limits.curvature_per_m
-    return bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
-
-
 def _changes(problem: Problem, after: Box) -> Intervals:
     """Changes of W since t = 0 that lead into a box."""
-    here, low, high = _w(problem, problem.start.configuration, *after)
+    here, low, high = clipped_w(problem, problem.start.configuration, *after)
     return _intervals(low - here, high - here)
 
 
@@ -191,7 +185,7 @@ def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=tuple(middle.tolist()))
     goal = Goal(kappa_per_m=tuple(shape.tolist()), tolerance=tolerance)
     task = bending_task(Alone(problem.robot, start, goal, None))
-    within = np.abs(_w(problem, *before) - task.origin).max(axis=0)
+    within = np.abs(clipped_w(problem, *before) - task.origin).max(axis=0)
     return replace(
         task,
         change=_wider(task.change, within),
@@ -327,7 +321,7 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0, begins: Array | No
     apart_m = np.where(given, [low, high], math.nan)[:, :2]
     axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # boxes are the world's
     around = apart_m.mean(axis=0), np.nan_to_num(np.ptp(apart_m, axis=0)) / 2
-    asked = *around, (float(low[2]), float(high[2])), problem.goal.phi_modulo
+    asked = PoseChange(*around, (float(low[2]), float(high[2])), problem.goal.phi_modulo)
     guess = guess_motion(robot, start, problem.goal, (robot.rigid,), np.zeros(1), 1)
     most = robot.limits.wheel_acceleration_rad_s2
     known_s = _known_s(guess, drive_rows(robot, start[POSE:])[1] / (most or math.inf))
@@ -336,10 +330,10 @@ def rigid_time(problem: Problem | Alone, enough: float = 0.0, begins: Array | No
         rows, off = rigid_rows_between(robot, *shapes)
         speeds = rows_of_any(rows, off) @ axes
         if more and most is None:
-            return least_drive_time(speeds, *asked, min(enough * (1 + 1e-6), known_s))
+            return least_drive_time(speeds, asked, min(enough * (1 + 1e-6), known_s))
         per_s = WHEEL_SPEED.most(robot) / (most or math.inf)  # rows of wheels come first
         gained = rows_of_any(rows[:WHEELS] * per_s, off[:WHEELS] * per_s) @ axes
-        return least_time(speeds, *asked, known_s, gained, priced=more)
+        return least_time(speeds, asked, known_s, gained, priced=more)
 
     if (found := least_s(shapes, False)) < enough:
         sides = map(np.linspace, *shapes, np.where(np.ptp(shapes, axis=0) > _WIDE_PER_M, 3, 2))

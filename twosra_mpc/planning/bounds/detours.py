@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.effort import Cost, charge
+from twosra_mpc.effort import Cost, charge, once
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence
 
@@ -139,7 +139,6 @@ class Detours:
     plane: Callable[[int], Cells]
     start: Array
     goal: Array
-    _cells: dict[int, Cells] = field(default_factory=dict)
     _costs: dict[int, dict[ModeSequence, Array]] = field(default_factory=dict)
     _none: set[ModeSequence] = field(default_factory=set)
 
@@ -160,7 +159,7 @@ class Detours:
         if cost >= IMPOSSIBLE:
             self._none.add(modes)
             return None
-        cells, found = self._cells[fineness], list[float]()
+        cells, found = self._cells(fineness), list[float]()
         for k in reversed(range(len(modes))):
             source = cells.lines[modes[k]].source(self._after(fineness, modes[:k]), cell)
             moved = cells.middle(cell) - cells.middle(source)
@@ -170,11 +169,13 @@ class Detours:
         bends[np.array(sequence, dtype=bool).any(axis=1)] = found[::-1]
         return bends
 
+    @once
+    def _cells(self, fineness: int) -> Cells:
+        return self.plane(fineness)
+
     def _nearest(self, fineness: int, modes: ModeSequence) -> tuple[int, float]:
         """The cell of the goal that is cheapest to come to, and what that costs."""
-        if fineness not in self._cells:
-            self._cells[fineness] = self.plane(fineness)
-        ends = self._cells[fineness].within(*self.goal)
+        ends = self._cells(fineness).within(*self.goal)
         costs = self._after(fineness, modes)[ends]
         return int(ends[costs.argmin()]), float(costs.min())
 
@@ -183,7 +184,7 @@ class Detours:
         known = self._costs.setdefault(fineness, {})
         if modes in known:
             return known[modes]
-        cells = self._cells[fineness]
+        cells = self._cells(fineness)
         if modes:
             costs = cells.lines[modes[-1]].bent(self._after(fineness, modes[:-1]))
         else:

@@ -40,7 +40,7 @@ import numpy as np
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.rigid_motion import (
     FAR_RAD,
-    goal_headings,
+    PoseChange,
     headings_visited,
     twist_vertices,
 )
@@ -55,30 +55,19 @@ _STEEP = 10.0  # slope of C_0 outside the goal, times what the fastest turn may 
 _ROUNDING = 1e-9
 
 
-def least_drive_time(
-    speed_rows: Array,
-    shift: Array,
-    shift_box: Array,
-    turns: tuple[float, float],
-    modulo: bool,
-    until_s: float,
-) -> float:
+def least_drive_time(speed_rows: Array, change: PoseChange, until_s: float) -> float:
     """Lower bound on the duration of any rigid motion with this change of pose, up to until_s [s].
 
     Takes a hundred times as long as ``rigid_motion.least_time``, whose arguments these are.
     """
     vertices = twist_vertices(speed_rows)
-    asked = np.isfinite(shift)
-    if vertices is None or not asked.any() or until_s <= 0:
+    if vertices is None or not change.asked.any() or until_s <= 0:
         return 0.0
-    along, box = np.where(asked, shift, 0.0), np.where(asked, shift_box, 0.0)
     reach = float(vertices[:, 2].max()) * until_s
     if reach > FAR_RAD:  # turning takes little of the time
         return 0.0
-    drives = [
-        _Drive(speed_rows, vertices, along, box, asked, goal, until_s)
-        for goal in goal_headings(turns, modulo, reach)
-    ]
+    goals = change.headings(reach)
+    drives = [_Drive(speed_rows, vertices, change, goal, until_s) for goal in goals]
     order = itertools.count()
     queue = [(each.disproved(each.headings), next(order), each, each.headings) for each in drives]
     heapq.heapify(queue)
@@ -99,14 +88,12 @@ class _Drive:
         self,
         rows: Array,
         vertices: Array,
-        along: Array,
-        box: Array,
-        asked: Array,
+        change: PoseChange,
         goal: tuple[float, float],
         until_s: float,
     ) -> None:
-        self.along, self.box, self.asked, self.goal = along, box, asked, goal
-        self.until_s = until_s
+        self.change, self.goal, self.until_s = change, goal, until_s
+        self.along, self.box = change.known
         self.fastest_turn = float(vertices[:, 2].max())
         self.headings = headings_visited(goal, self.fastest_turn * until_s)
         self.slices = _best_slices(rows, vertices, (self.headings[1] - self.headings[0]) / _FINE)
@@ -118,7 +105,7 @@ class _Drive:
         Directions p are tried on a coarse grid of headings, the best one on a fine grid.
         """
         angle = math.atan2(self.along[1], self.along[0])
-        if self.asked.all():
+        if self.change.asked.all():
             angle = _largest(
                 lambda angle: self._reached(angle, _COARSE, midway)[1],
                 angle - math.pi / 2,

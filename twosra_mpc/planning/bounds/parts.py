@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,43 +28,33 @@ from twosra_mpc.planning.bounds.bends import (
     middle_bends,
 )
 from twosra_mpc.planning.bounds.sequence_bound import (
+    Events,
     SequenceBound,
     longest_path_bound,
     sequence_bound,
 )
-from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import ModeSequence
-from twosra_mpc.timing import TemporalNetwork
 
 _CUTS, _FREE_CUTS = 7, 20  # of a box of shapes, and of a box with free bends
 _MOST_CUTS = 40  # where the bends in the middle of the least part pass a forbidden shape
 
 
-def bound_by_parts(
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    known_s: Sequence[float],
-    enough: float,
-) -> SequenceBound | None:
+def bound_by_parts(events: Events, task: BendingTask, enough: float) -> SequenceBound | None:
     """Bound a sequence by cutting what it may do into parts; None if it has no choice.
 
     Its bends are those in the middle of the least part where these pass no forbidden shape.
 
     Args:
-        network: Constraints of the event times.
+        events: Of the sequence.
         task: What the bending coordinates must do.
-        weights: Weights of the cost.
-        known_s: Proved least durations of the phases.
         enough: A bound that need not be exceeded.
     """
-    sequence, free = network.sequence, free_bends(network.sequence, task)
+    sequence, free = events.sequence, free_bends(events.sequence, task)
     if not free and determined_bends(sequence, task) is not None:
         return None
     parts = [(-math.inf, (*task.change, *free))]
 
     def passable(box: Intervals) -> bool:
-        return _durations(_middle(box), sequence, task, known_s) is not None
+        return _in_box(_middle(box), events, task) is not None
 
     few = _FREE_CUTS if free else _CUTS
     for cut in range(_MOST_CUTS):
@@ -77,7 +66,7 @@ def bound_by_parts(
         middle = sum(box[j]) / 2
         for half in ((box[j][0], middle), (middle, box[j][1])):
             part = (*box[:j], half, *box[j + 1 :])
-            bound = _bound_of(part, network, task, weights, known_s)
+            bound = _bound_of(part, events, task)
             heapq.heappush(parts, (max(whole, bound), part))
     possible = (box for cost, box in sorted(parts) if cost < math.inf)
     best = next(filter(passable, possible), parts[0][1])
@@ -94,28 +83,20 @@ def _middle(box: Intervals) -> Intervals:
     return tuple((sum(ends) / 2,) * 2 for ends in box)
 
 
-def _durations(
-    box: Intervals, sequence: ModeSequence, task: BendingTask, known_s: Sequence[float]
-) -> list[float] | None:
-    """Least durations of the phases in a box; None if its bends pass a forbidden shape."""
+def _in_box(box: Intervals, events: Events, task: BendingTask) -> Events | None:
+    """Events as long as the bends of a box take; None if these pass a forbidden shape."""
     change, choice = _split(box, task)
-    least = least_durations(sequence, replace(task, change=change), choice)
-    return list(map(max, least, known_s)) if max(least) < math.inf else None
+    least = least_durations(events.sequence, replace(task, change=change), choice)
+    longer = list(map(max, least, events.least_s))
+    return events._replace(least_s=longer) if max(least) < math.inf else None
 
 
-def _bound_of(
-    box: Intervals,
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    known_s: Sequence[float],
-) -> float:
+def _bound_of(box: Intervals, events: Events, task: BendingTask) -> float:
     change, choice = _split(box, task)
-    durations = _durations(box, network.sequence, task, known_s)
-    if durations is None:
+    if (longer := _in_box(box, events, task)) is None:
         return math.inf
     if choice:
-        found = longest_path_bound(network, np.zeros(0), weights, durations)
+        found = longest_path_bound(longer, np.zeros(0))
     else:
-        found = sequence_bound(network, replace(task, change=change), weights, durations)
+        found = sequence_bound(longer, replace(task, change=change))
     return math.inf if found is None else found.cost

@@ -61,16 +61,10 @@ class PoseConstraint(NamedTuple):
     need: float
 
 
-def best_constraint(
-    task: PoseTask,
-    phases: Sequence[PhaseMotions],
-    layout: EventLayout,
-    least: dict[tuple[int, int], float],
-    cost: Array,
-    bound_with: Callable[[PoseConstraint], float],
-    enough: float,
-) -> float:
-    """Find the highest lower bound of this form.
+class PoseProgram:
+    """The linear program for p, C, B, g, e, y, the least C_n at the goal, the sizes of p, and a.
+
+    Columns are in this order.
 
     Args:
         task: The change of pose.
@@ -78,19 +72,8 @@ def best_constraint(
         layout: Numbering of the events.
         least: {(u, v): w} meaning t[v] - t[u] >= w [s].
         cost: Cost of the event times, by event.
-        bound_with: Lower bound under a further constraint; -inf if that is not known.
-        enough: A bound that need not be exceeded.
-    """
-    for side in task.sides:
-        program = PoseProgram(task, phases, layout, least, cost, side)
-        enough = min(enough, program.best(bound_with, enough)[0])
-    return enough
-
-
-class PoseProgram:
-    """The linear program for p, C, B, g, e, y, the least C_n at the goal, the sizes of p, and a.
-
-    Columns are in this order.
+        side: Of the turns that are bounded, as in ``PoseTask.sides``.
+        cuts: Most rows that are added to a phase at a time.
     """
 
     def __init__(

@@ -30,6 +30,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.robot.coordinates import Array
@@ -43,12 +44,55 @@ _SAME = 1e-6  # s/m or s: rows that differ by less do not depend on the shape
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
 
 
+class PoseChange(NamedTuple):
+    """Change of pose that a rigid motion must bring about, in the start frame of heading.
+
+    Attributes:
+        shift: Of (x, y) [m]; NaN where free.
+        box: Half-width of the goal box along the same axes [m], (2,).
+        turns: (low, high) of the change of heading [rad]; infinite where free.
+        modulo: Whether headings that differ by full turns are equal.
+    """
+
+    shift: Array
+    box: Array
+    turns: tuple[float, float]
+    modulo: bool
+
+    @property
+    def asked(self) -> NDArray[np.bool_]:
+        """True for x, and for y, if it is not free."""
+        return np.isfinite(self.shift)
+
+    @property
+    def known(self) -> tuple[Array, Array]:
+        """The shift and its box, zero where free."""
+        return np.where(self.asked, self.shift, 0.0), np.where(self.asked, self.box, 0.0)
+
+    def headings(self, reach: float) -> list[tuple[float, float]]:
+        """Intervals of goal headings, relative to the start's, that can be turned to by a reach."""
+        low, high = self.turns
+        if not (math.isfinite(low) and math.isfinite(high)):
+            return [(-reach, reach)]
+        first = math.ceil((-reach - high) / math.tau) if self.modulo else 0
+        last = math.floor((reach - low) / math.tau) if self.modulo else 0
+        return [(low + k * math.tau, high + k * math.tau) for k in range(first, last + 1)]
+
+    def program(self, further: Array) -> tuple[Array, Array]:
+        """Gain of S from start to goal per unknown, and the unknowns' bounds, (n,) and (n, 2).
+
+        The first four are p = plus - minus, both >= 0: so the box costs box . (plus + minus).
+        """
+        along, box = self.known
+        gain = np.concatenate([along - box, -along - box, further])
+        ends = np.tile([-np.inf, np.inf], (len(gain), 1))
+        ends[:4, 0], ends[:4][~np.tile(self.asked, 2), 1] = 0.0, 0.0
+        return gain, ends
+
+
 def least_time(
     speed_rows: Array,
-    shift: Array,
-    shift_box: Array,
-    turns: tuple[float, float],
-    modulo: bool,
+    change: PoseChange,
     known_s: float,
     wheel_rows: Array | None = None,
     priced: bool = False,
@@ -57,10 +101,7 @@ def least_time(
 
     Args:
         speed_rows: M, (m, 3), per body twist [s/m, s/m, s].
-        shift: Change of (x, y) in the start frame of heading [m]; NaN where free.
-        shift_box: Half-width of the goal box in the same frame's axes [m], (2,).
-        turns: (low, high) of the change of heading [rad]; infinite where free.
-        modulo: Whether headings that differ by full turns are equal.
+        change: What is asked for.
         known_s: Duration of a known motion; the bound never exceeds it.
         wheel_rows: V / a, (4, 3), if wheels accelerate by a from rest and back to it.
         priced: Whether to look for a better bound with further programs.
@@ -71,13 +112,13 @@ def least_time(
     ramps = _NO_RAMPS if wheel_rows is None else _Ramps.of(vertices, wheel_rows)
     reach = float(vertices[:, 2].max()) * known_s
     if reach > FAR_RAD:
-        free = not all(map(math.isfinite, turns))
-        around = ((-math.pi, math.pi), True) if free else (turns, modulo)
-        found = _bound_around(vertices, shift, shift_box, *around, ramps)
+        if not all(map(math.isfinite, change.turns)):
+            change = change._replace(turns=(-math.pi, math.pi), modulo=True)
+        found = _bound_around(vertices, change, ramps)
         return min(found, known_s) * (1 - _ROUNDING)
     best = known_s
-    for goal in goal_headings(turns, modulo, reach):
-        best = min(best, _bound_to(vertices, shift, shift_box, goal, reach, ramps, priced))
+    for goal in change.headings(reach):
+        best = min(best, _bound_to(vertices, change, goal, reach, ramps, priced))
     return best * (1 - _ROUNDING)
 
 
@@ -129,18 +170,6 @@ class _Ramps(NamedTuple):
 _NO_RAMPS = _Ramps(np.empty((0, 3)), 0.0)
 
 
-def goal_headings(
-    turns: tuple[float, float], modulo: bool, reach: float
-) -> list[tuple[float, float]]:
-    """Intervals of goal headings, relative to the start's, that can be turned to by ``reach``."""
-    low, high = turns
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return [(-reach, reach)]
-    first = math.ceil((-reach - high) / math.tau) if modulo else 0
-    last = math.floor((reach - low) / math.tau) if modulo else 0
-    return [(low + k * math.tau, high + k * math.tau) for k in range(first, last + 1)]
-
-
 def twist_vertices(speed_rows: Array) -> Array | None:
     """Vertices (u, v, r) of the polytope of body twists, (n, 3); None if it is unbounded."""
     if len(speed_rows) < 3 or np.linalg.matrix_rank(speed_rows) < 3:
@@ -172,8 +201,7 @@ def rows_of_any(rows: Array, off: Array) -> Array:
 
 def _bound_to(
     vertices: Array,
-    shift: Array,
-    shift_box: Array,
+    change: PoseChange,
     goal: tuple[float, float],
     reach: float,
     ramps: _Ramps,
@@ -192,13 +220,7 @@ def _bound_to(
 
     count = len(middle)
     growth, gains = (_growth(middle, half, np.eye(count), of) for of in (vertices, ramps.gains))
-    asked = np.isfinite(shift)
-    along = np.where(asked, shift, 0.0)
-    # p = plus - minus, both >= 0, so that the goal box costs box . (plus + minus).
-    box = np.where(asked, shift_box, 0.0)
-    gain = np.concatenate([along - box, -along - box, np.sign(near) * 2 * half * between])
-    ends = np.tile([-np.inf, np.inf], (len(gain), 1))
-    ends[:4, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
+    gain, ends = change.program(np.sign(near) * 2 * half * between)
     ends[4:][uncertain] = 0.0
     off = [
         np.maximum(np.maximum(a - middle, middle - b) - half, 0.0) for a, b in ((0.0, 0.0), goal)
@@ -237,19 +259,12 @@ def _growth(middle: Array, half: Array, slopes: Array, twists: Array) -> Array:
     return np.vstack(blocks)
 
 
-def _bound_around(
-    vertices: Array,
-    shift: Array,
-    shift_box: Array,
-    turns: tuple[float, float],
-    modulo: bool,
-    ramps: _Ramps,
-) -> float:
+def _bound_around(vertices: Array, change: PoseChange, ramps: _Ramps) -> float:
     """Best bound with C(phi) = a phi + what has a period of 2 pi; a = 0 if full turns are equal.
 
     The goal's headings lie in panels in which the periodic part does not change.
     """
-    low, high = turns
+    low, high = change.turns
     here, wide = low % math.tau, min(high - low, math.tau)
     marks = {0.0, here, (here + wide) % math.tau, math.tau}
     edges = _panels(sorted(marks))
@@ -259,13 +274,9 @@ def _bound_around(
     flat = slopes[(middle - here) % math.tau < wide]
     of_turns = np.hstack([np.ones((count, 1)), -np.ones((count, 1)), slopes])
     growth, gains = (_growth(middle, half, of_turns, of) for of in (vertices, ramps.gains))
-    asked = np.isfinite(shift)
-    along, box = np.where(asked, shift, 0.0), np.where(asked, shift_box, 0.0)
     reached = level[int(np.argmin(np.abs(edges[:-1] - here)))]
-    gain = np.concatenate([along - box, -along - box, [low, -high], reached - level[0]])
-    ends = np.tile([-np.inf, np.inf], (len(gain), 1))
-    ends[:6, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
-    ends[4:6, 1] = 0.0 if modulo else np.inf
+    gain, ends = change.program(np.append([low, -high], reached - level[0]))
+    ends[4:6] = 0.0, 0.0 if change.modulo else np.inf
     ends[6] = 0.0  # C at the start's heading
     level_rows = np.pad(np.vstack([flat, -flat]), ((0, 0), (6, 0)))
     limits = np.concatenate([np.ones(len(growth)), np.zeros(len(level_rows))])

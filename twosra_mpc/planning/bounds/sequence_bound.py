@@ -46,7 +46,7 @@ from twosra_mpc.planning.bounds.bends import (
     least_efforts,
 )
 from twosra_mpc.planning.bounds.linear_program import proved_minimum
-from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, best_constraint
+from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.planning.bounds.pose_phases import PhaseMotions
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, fixed_cost, with_durations
 from twosra_mpc.problem.problem import Weights
@@ -74,20 +74,37 @@ class SequenceBound:
     detour: bool = False
 
 
-def sequence_bound(
-    network: TemporalNetwork, task: BendingTask, weights: Weights, least_durations: Sequence[float]
-) -> SequenceBound | None:
+class Events(NamedTuple):
+    """Events of a mode sequence, which last so long at least, and what they cost.
+
+    Attributes:
+        network: Constraints of the event times.
+        weights: Weights of the cost.
+        least_s: Proved least durations of the phases.
+    """
+
+    network: TemporalNetwork
+    weights: Weights
+    least_s: Sequence[float]
+
+    @property
+    def sequence(self) -> ModeSequence:
+        """Mode of each phase."""
+        return self.network.sequence
+
+
+def sequence_bound(events: Events, task: BendingTask) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
 
     Where only time counts and it is known which bends take least, that is a longest path.
     """
-    bends = quickest_bends(network.sequence, task, weights)
+    bends = quickest_bends(events.sequence, task, events.weights)
     if bends is None:
         try:
-            return _linear_program_bound(network, task, weights, least_durations)
+            return _linear_program_bound(events, task)
         except ArithmeticError:
-            bends = mean_bends(network.sequence, task)
-    return longest_path_bound(network, bends, weights, least_durations)
+            bends = mean_bends(events.sequence, task)
+    return longest_path_bound(events, bends)
 
 
 @remembered(64)  # a stage has the same with each sequence of another
@@ -105,57 +122,53 @@ def mean_bends(sequence: ModeSequence, task: BendingTask) -> Array:
     return np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
 
 
-def longest_path_bound(
-    network: TemporalNetwork, bends: Array, weights: Weights, least_durations: Sequence[float]
-) -> SequenceBound | None:
+def longest_path_bound(events: Events, bends: Array) -> SequenceBound | None:
     """The earliest finish is a longest path; what holding segments liquid costs is left out.
 
     None if no durations, or no times, fulfil the constraints.
     """
-    if not all(map(math.isfinite, least_durations)):
+    network, weights, least_s = events
+    if not all(map(math.isfinite, least_s)):
         return None
-    times = with_durations(network, least_durations).earliest
+    times = with_durations(network, least_s).earliest
     if times is None:
         return None
     cost = times[network.layout.finish] + fixed_cost(network, weights)
     return SequenceBound(cost, np.array(times), bends)
 
 
-def pose_bound(
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    least_durations: Sequence[float],
-    enough: float,
-) -> float:
+def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     """Raise the bound of a sequence by the time its change of pose takes; -inf if not known.
 
     Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
     goal pose, and a sequence whose soft modes are independent.
     """
-    phases = _phase_motions(network.sequence, task)
+    (network, weights, least_s), phases = events, _phase_motions(events.sequence, task)
     if task.pose is None or phases is None:
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
 
     soft, ramp_s = np.array(network.sequence, dtype=bool).any(axis=1), task.pose.ramp_s
-    some = np.minimum(1.0, np.array(least_durations) / max(2 * ramp_s, 1e-300))
+    some = np.minimum(1.0, np.array(least_s) / max(2 * ramp_s, 1e-300))
     lost_s = soft * ramp_s * (1 - (1 - some) ** 2)  # from rest and to it, in what lasts so long
 
     def bound_with(found: PoseConstraint) -> float:
         found = found._replace(need=found.need + float(found.rates @ lost_s))
         try:
-            bound = _linear_program_bound(network, task, weights, least_durations, found)
+            bound = _linear_program_bound(events, task, found)
         except ArithmeticError:  # the solver gave up: nothing is proved
             return -math.inf
         return -math.inf if bound is None else bound.cost
 
-    timed = with_durations(network, least_durations)
+    timed = with_durations(network, least_s)
     times = timed.earliest or [0.0] * network.layout.count
     # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
     whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
     least = timed.least | whole
-    return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
+    for side in task.pose.sides:
+        program = PoseProgram(task.pose, phases, network.layout, least, cost, side)
+        enough = min(enough, program.best(bound_with, enough)[0])
+    return enough
 
 
 def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
@@ -196,20 +209,16 @@ def _shapes(
 
 
 def _linear_program_bound(
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    least_durations: Sequence[float],
-    pose: PoseConstraint | None = None,
+    events: Events, task: BendingTask, pose: PoseConstraint | None = None
 ) -> SequenceBound | None:
-    rows = bend_rows(network.sequence, task, weights)
-    program = Relaxation(network, weights, least_durations, rows.rates, rows.efforts)
-    program.bend(network.sequence, task, rows)
+    rows, layout = bend_rows(events.sequence, task, events.weights), events.network.layout
+    program = Relaxation(events, rows.rates, rows.efforts)
+    program.bend(events.sequence, task, rows)
     program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}
         for i, rate in enumerate(pose.rates.tolist()):
-            drives |= {network.layout.end(i): rate, network.layout.start(i): -rate}
+            drives |= {layout.end(i): rate, layout.start(i): -rate}
         program.at_least(drives, pose.need)
     return program.optimum()
 
@@ -249,23 +258,17 @@ class Relaxation:
     """The linear program in event times and bends, row by row; columns are in this order.
 
     Args:
-        network: Constraints of the event times.
-        weights: Weights of the cost.
-        least_durations: Of the phases [s].
+        events: Of all phases.
         rates: Upper bound of abs(dW/dt) in each phase.
         efforts: Least effort times duration of each phase [s2]; none where effort has no weight.
     """
 
     def __init__(
-        self,
-        network: TemporalNetwork,
-        weights: Weights,
-        least_durations: Sequence[float],
-        rates: Sequence[float],
-        efforts: Sequence[float] = (),
+        self, events: Events, rates: Sequence[float], efforts: Sequence[float] = ()
     ) -> None:
-        self._network, self._weights, self._efforts = network, weights, efforts
-        self._rates = rates
+        network, self._weights, least_s = events
+        self._network = network
+        self._rates, self._efforts = rates, efforts
         self.layout = layout = network.layout
         self._width = layout.count + layout.phases + len(efforts)
         self._rows: list[Array] = []
@@ -274,7 +277,7 @@ class Relaxation:
             self.at_least({v: 1.0, u: -1.0}, least)
         for delay in network.delays:
             self.at_least({delay.until: 1.0, delay.since: -delay.share}, delay.least)
-        for i, least in enumerate(least_durations):
+        for i, least in enumerate(least_s):
             self.at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
         for i, (mode, rate) in enumerate(zip(network.sequence, rates, strict=True)):
             if any(mode) and np.isfinite(rate):

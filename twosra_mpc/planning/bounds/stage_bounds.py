@@ -22,6 +22,7 @@ from twosra_mpc.planning.bounds.bends import (
     unreachable_reason,
 )
 from twosra_mpc.planning.bounds.sequence_bound import (
+    Events,
     Relaxation,
     SequenceBound,
     bend_rows,
@@ -29,7 +30,6 @@ from twosra_mpc.planning.bounds.sequence_bound import (
     mean_bends,
     quickest_bends,
 )
-from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import (
     Mode,
     ModeSequence,
@@ -38,7 +38,6 @@ from twosra_mpc.robot.modes import (
     is_rigid,
     rigid_mode,
 )
-from twosra_mpc.timing import TemporalNetwork
 
 _ROUNDING = 1e-9  # of W
 
@@ -221,27 +220,23 @@ class Together:
     """Relaxation of all stages together, for one mode sequence of each.
 
     Attributes:
-        network: Of all phases.
+        events: Of all phases.
         stages: The stages.
         sequences: Their mode sequences.
         relaxation: Room, rates and speeds.
-        weights: Weights of the cost.
-        least_durations: Of the phases [s].
     """
 
-    network: TemporalNetwork
+    events: Events
     stages: Sequence[StageBounds]
     sequences: Sequence[ModeSequence]
     relaxation: StageRelaxation
-    weights: Weights
-    least_durations: Sequence[float]
 
     def bound(self) -> SequenceBound | None:
         """Solve it; None if it is infeasible.
 
         Where only time counts, and it is known which bends take least, that is a longest path.
         """
-        stages, weights = self.stages, self.weights
+        stages, weights = self.stages, self.events.weights
         pairs = [(each, stage.bend) for each, stage in zip(self.sequences, stages, strict=True)]
         quickest = (quickest_bends(each, task, weights) for each, task in pairs if task is not None)
         known = [bends for bends in quickest if bends is not None]
@@ -252,20 +247,19 @@ class Together:
                 known = [
                     mean_bends(each, task) if task else np.zeros(len(each)) for each, task in pairs
                 ]
-        bends = np.concatenate(known)
-        return longest_path_bound(self.network, bends, weights, self.least_durations)
+        return longest_path_bound(self.events, np.concatenate(known))
 
     def _program(self) -> SequenceBound | None:
         """The linear program: the first stage's bends from the known start, then those of all."""
-        sequences, weights, relaxation = self.sequences, self.weights, self.relaxation
+        sequences, weights, relaxation = self.sequences, self.events.weights, self.relaxation
         rates, efforts, told = list[float](), list[float](), 0
         if (task := self.stages[0].bend) is not None:
             own, told = bend_rows(sequences[0], task, weights), len(sequences[0])
             rates, efforts = own.rates, own.efforts
-        later = self.network.sequence[told:]
+        later = self.events.sequence[told:]
         rates = [*rates, *(relaxation.rate(mode) if any(mode) else 0.0 for mode in later)]
         efforts = [*efforts, *[0.0] * len(later)] if weights.effort else []
-        program = Relaxation(self.network, weights, self.least_durations, rates, efforts)
+        program = Relaxation(self.events, rates, efforts)
         if task is not None:
             program.bend(sequences[0], task, own)
         ends = [0, *itertools.accumulate(map(len, sequences))]
@@ -294,9 +288,9 @@ class Together:
         ``stops`` has the ends by the number of phases before; of the first ``told`` it is done.
         """
         bends = dict[int, float]()
-        for i, mode in enumerate(self.network.sequence):
+        for i, mode in enumerate(self.events.sequence):
             if mode[segment]:
-                bends[self.network.layout.count + i] = 1.0
+                bends[program.layout.count + i] = 1.0
             if i < told:
                 continue
             allowed = [room] if mode[segment] else []
@@ -313,7 +307,7 @@ class Together:
         """Let all phases of a stage, and its drives alone, last as long as the way takes."""
         if distance_m <= 0.0:
             return
-        sequence, layout = self.network.sequence, self.network.layout
+        sequence, layout = self.events.sequence, program.layout
         by_drives = [i for i in phases if is_rigid(sequence[i])]
         driven_m = self.relaxation.driven_m([sequence[i] for i in phases], distance_m)
         for moving, least in ((phases, distance_m), (by_drives, driven_m)):

@@ -16,7 +16,7 @@ from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from twosra_mpc.effort import Cost, charge
+from twosra_mpc.effort import Cost, charge, once
 from twosra_mpc.planning.bounds.bends import least_durations
 from twosra_mpc.planning.bounds.schedule import fixed_cost, with_durations
 from twosra_mpc.planning.bounds.stage_bounds import Shapes, StageBounds, Way
@@ -42,7 +42,6 @@ class Alone:
     timing: TransitionModel
     _durations: dict[tuple[Hashable, ModeSequence], list[float]] = field(default_factory=dict)
     _costs: dict[tuple[Hashable, Mode, ModeSequence], float] = field(default_factory=dict)
-    _at_once: dict[tuple[Mode, ModeSequence, Mode | None], float] = field(default_factory=dict)
     _priced: dict[tuple[Hashable, Mode], tuple[list[Priced], Iterator[Priced]]] = field(
         default_factory=dict
     )
@@ -108,12 +107,10 @@ class Alone:
                     heapq.heappush(heads, (max(least, cost), False, next(numbers), longer))
         yield from (Priced(cost, sequence) for cost, _, sequence in sorted(wholes))
 
+    @once
     def _moving_at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode | None) -> float:
         """Lower bound on what any stage adds with a sequence: motion takes no time in it."""
-        key = begins, sequence, settled
-        if key not in self._at_once:
-            self._at_once[key] = self.from_warm(begins, sequence, [0.0] * len(sequence), settled)
-        return self._at_once[key]
+        return self.from_warm(begins, sequence, [0.0] * len(sequence), settled)
 
     def from_warm(
         self,
@@ -156,13 +153,13 @@ class ToGo:
     variants: Sequence[Stages]
     alone: Alone
     soft_travel_m: float
-    _known: dict[tuple[int, int, Mode, Way, Shapes], float] = field(default_factory=dict)
 
     def after(self, variant: int, done: int) -> float:
         """Least that the stages from a number on add, whatever the one before does."""
         last, way = self.variants[variant][done - 1], Way(drives=True)
         return min(self.least(variant, done, mode, way, last.shapes) for mode in last.endings)
 
+    @once
     def least(self, variant: int, done: int, begins: Mode, way: Way, shapes: Shapes) -> float:
         """Least that the stages from a number on add, from a stiffness and one of these shapes on.
 
@@ -171,24 +168,20 @@ class ToGo:
         stages = self.variants[variant]
         if done == len(stages):
             return 0.0
-        key = (variant, done, begins, way, shapes)
-        if key not in self._known:
-            stage, best, later = stages[done], math.inf, self.after(variant, done + 1)
-            known = done + 1 == len(stages) or stages[done + 1].since == 1
-            for cost, sequence in self.alone.cheapest_first(stage, begins):
-                if cost + later >= best:
-                    break
-                if sequence is None:
-                    best = cost + later
-                    break
-                after, ends = way.then([sequence], [stage]), stage.ends_in(sequence, shapes)
-                if ends is not None and not self.too_far(stage, after):
-                    begun = sequence[-1], Way() if known else after, ends
-                    best = min(best, cost + self.least(variant, done + 1, *begun))
-                if best <= cost + later:
-                    break
-            self._known[key] = best
-        return self._known[key]
+        stage, best, later = stages[done], math.inf, self.after(variant, done + 1)
+        known = done + 1 == len(stages) or stages[done + 1].since == 1
+        for cost, sequence in self.alone.cheapest_first(stage, begins):
+            if cost + later >= best:
+                break
+            if sequence is None:
+                return cost + later
+            after, ends = way.then([sequence], [stage]), stage.ends_in(sequence, shapes)
+            if ends is not None and not self.too_far(stage, after):
+                begun = sequence[-1], Way() if known else after, ends
+                best = min(best, cost + self.least(variant, done + 1, *begun))
+            if best <= cost + later:
+                break
+        return best
 
     def too_far(self, stage: StageBounds, way: Way) -> bool:
         """True if blocks alone do not come as far as a stage must, and there is no drive."""
@@ -225,19 +218,8 @@ class SoFar:
     timing: TransitionModel
     weights: Weights
     to_go: ToGo
-    _past: dict[Whole, Past] = field(default_factory=dict)
-    _shapes: dict[Whole, Shapes | None] = field(default_factory=dict)
-    _onwards: dict[tuple[StageBounds, Mode, frozenset[int]], float | None] = field(
-        default_factory=dict
-    )
 
     # --- Stages that are over
-
-    def past(self, over: Whole) -> Past:
-        """Least cost of the first stages with these sequences."""
-        if over not in self._past:
-            self._past[over] = self._passes(over)
-        return self._past[over]
 
     def durations(self, over: Whole) -> list[float]:
         """Least durations of all phases [s]."""
@@ -256,7 +238,9 @@ class SoFar:
                 spans[begin, network.layout.end(done - 1)] = stage.least_s
         return replace(network, least=network.least | spans) if spans else network
 
-    def _passes(self, over: Whole) -> Past:
+    @once
+    def past(self, over: Whole) -> Past:
+        """Least cost of the first stages with these sequences."""
         joined = over.joined
         if (reason := self.impossible(over)) is not None:
             return Past(math.inf, reason=reason)
@@ -286,15 +270,14 @@ class SoFar:
                 return "without a drive it does not come so far"
         return self.timing.refusal(over.joined, over.joined[-1])
 
+    @once
     def shapes(self, over: Whole) -> Shapes | None:
         """Shapes after these stages, as far as the goals and modes tell; None if there are none."""
-        if over not in self._shapes:
-            *before, last = over.sequences
-            stage = self.variants[over.variant][len(before)]
-            begun: Shapes | None = ((0.0,) * len(stage.shapes),) * len(stage.shapes)
-            begun = self.shapes(over._replace(sequences=tuple(before))) if before else begun
-            self._shapes[over] = begun and stage.ends_in(last, begun)
-        return self._shapes[over]
+        *before, last = over.sequences
+        stage = self.variants[over.variant][len(before)]
+        begun: Shapes | None = ((0.0,) * len(stage.shapes),) * len(stage.shapes)
+        begun = self.shapes(over._replace(sequences=tuple(before))) if before else begun
+        return begun and stage.ends_in(last, begun)
 
     # --- The stage that is open
 
@@ -334,16 +317,13 @@ class SoFar:
             least = max(least, min(first, default=math.inf))
         return least + self._least_fixed_cost(stage, network, missing)
 
+    @once
     def _onward(self, stage: StageBounds, mode: Mode, missing: frozenset[int]) -> float | None:
         """Least cost of the melts and freezes on to the end of a stage, if it can be told."""
-        key = (stage, mode, missing)
-        if key not in self._onwards:
-            rigid, timing = stage.rigid, self.timing
-            usable = tuple(m for m in stage.modes if timing.refusal((m,), rigid) is None)
-            found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
-            known = (each for each in found if each is not None)
-            self._onwards[key] = min(known, default=None)
-        return self._onwards[key]
+        rigid, timing = stage.rigid, self.timing
+        usable = tuple(m for m in stage.modes if timing.refusal((m,), rigid) is None)
+        found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
+        return min((each for each in found if each is not None), default=None)
 
     def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
         charge(Cost.NETWORK, len(sequence))

@@ -17,7 +17,7 @@ from twosra_mpc.planning.bounds.bends import free_bends, passes_forbidden
 from twosra_mpc.planning.bounds.detours import COARSE, FINE, Detours
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
-from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
+from twosra_mpc.planning.bounds.sequence_bound import Events, SequenceBound, pose_bound
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation, Together, Way
 from twosra_mpc.planning.search.nodes import InTheWay, Node, Stages, Whole
 from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
@@ -67,9 +67,11 @@ class Leaves:
         if not all(map(math.isfinite, durations)):
             return None
         network = self.so_far.network(whole, self.last(whole), durations)
-        stages, weights = self.variants[whole.variant], self.so_far.weights
-        given = network, stages, whole.sequences, self.relaxation, weights, durations
-        return Together(*given).bound()
+        events, stages = self._events(network, durations), self.variants[whole.variant]
+        return Together(events, stages, whole.sequences, self.relaxation).bound()
+
+    def _events(self, network: TemporalNetwork, least_s: Sequence[float]) -> Events:
+        return Events(network, self.so_far.weights, least_s)
 
     def tighter(
         self, whole: Whole, drives_s: Sequence[Sequence[float]], bound: float, enough: float
@@ -110,16 +112,16 @@ class Leaves:
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         if (task := stage.bend) is None:
             return -math.inf
-        first, timing, weights = whole.sequences[:1], self.so_far.timing, self.so_far.weights
+        first, timing = whole.sequences[:1], self.so_far.timing
         if (whole.variant, first) not in self._first:
             least_s = self.so_far.to_go.alone.durations(stage, sequence)
             longer = list(map(max, least_s, drives_s))
             network = timing.network(sequence, stage.settled(sequence), longer)
-            delayed = timing.with_delays(network, longer)
-            parts = bound_by_parts(delayed, task, weights, longer, enough)
+            delayed = self._events(timing.with_delays(network, longer), longer)
+            parts = bound_by_parts(delayed, task, enough)
             cost = -math.inf if parts is None else parts.cost
             if cost < enough:
-                cost = max(cost, pose_bound(delayed, task, weights, longer, enough))
+                cost = max(cost, pose_bound(delayed, task, enough))
             self._first[whole.variant, first] = cost, parts
         cost, parts = self._first[whole.variant, first]
         self._take_over(whole, parts)
@@ -154,7 +156,7 @@ class Leaves:
             return
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
-        parts = bound_by_parts(network, task, self.so_far.weights, least_s, math.inf)
+        parts = bound_by_parts(self._events(network, least_s), task, math.inf)
         self._take_over(whole, parts)
 
     def _take_over(self, whole: Whole, parts: SequenceBound | None) -> None:

@@ -140,12 +140,16 @@ def spared_corners(problem: Problem | Alone, workspace: Workspace) -> Array:
     return np.array([low + inward, high - inward])
 
 
+def clipped_w(problem: Problem | Alone, *ends: Array) -> Array:
+    """W of the shapes of configurations (3 + n,), clipped to the limits, (ends, n)."""
+    limit = problem.robot.limits.curvature_per_m
+    return bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
+
+
 def bend_changes(problem: Problem, *goals: GoalSet) -> Array:
     """Least and largest change of W with which each segment ends in goals, (goals, 2, n)."""
-    start, limit = problem.start.configuration, problem.robot.limits.curvature_per_m
-    boxes = (end for goal in goals for end in goal.box(start))
-    shapes = np.clip([start, *boxes], -limit, limit)[:, POSE:]
-    w = bending(problem.robot).coordinates(shapes)
+    start = problem.start.configuration
+    w = clipped_w(problem, start, *(end for goal in goals for end in goal.box(start)))
     return (w[1:] - w[0]).reshape(len(goals), 2, -1)
 
 

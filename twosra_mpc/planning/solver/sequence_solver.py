@@ -29,6 +29,7 @@ from twosra_mpc.planning.solver.gentle import cheapest
 from twosra_mpc.planning.solver.guess import (
     bend_changes,
     bends_around,
+    clipped_w,
     correct_end,
     guess_motion,
     inner_bends,
@@ -349,15 +350,10 @@ def stage_bends(
     here = bending(problem.robot).coordinates(problem.start.kappa_per_m)
     parts = np.split(relaxed, np.cumsum([len(each) for each in sequences])[:-1])
     found = []
-    for sequence, bends, outer, inner in zip(
-        sequences,
-        parts,
-        _kept_boxes([_w_box(problem, goal) for goal in goals], sequences),
-        _kept_boxes(
-            [_w_box(problem, inner_goal(problem.robot, goal)) for goal in goals], sequences
-        ),
-        strict=True,
-    ):
+    start, inner_goals = problem.start.configuration, [inner_goal(problem.robot, g) for g in goals]
+    boxes = ([clipped_w(problem, *goal.box(start)) for goal in of] for of in (goals, inner_goals))
+    kept = (_kept_boxes(each, sequences) for each in boxes)
+    for sequence, bends, outer, inner in zip(sequences, parts, *kept, strict=True):
         inner = inner if (inner[0] <= inner[1]).all() else outer
         box = np.array(outer) - here
         chosen = inner_bends(sequence, _into(sequence, bends, box), box, np.array(inner) - here)
@@ -385,7 +381,7 @@ def shapes(problem: Problem, sequences: Sequence[ModeSequence], bends: Sequence[
     return np.array(found)
 
 
-def _kept_boxes(boxes: Sequence[Box], sequences: Sequence[ModeSequence]) -> Iterator[Box]:
+def _kept_boxes(boxes: Sequence[Array], sequences: Sequence[ModeSequence]) -> Iterator[Box]:
     """What each stage may end in so that segments that then stay rigid suit what follows."""
     for k, (low, high) in enumerate(boxes):
         rigid = np.ones(len(low), dtype=bool)
@@ -397,9 +393,3 @@ def _kept_boxes(boxes: Sequence[Box], sequences: Sequence[ModeSequence]) -> Iter
             least = np.where(rigid, np.maximum(least, later_low), least)
             most = np.where(rigid, np.minimum(most, later_high), most)
         yield least, most
-
-
-def _w_box(problem: Problem, goal: GoalSet) -> Box:
-    limit, ends = problem.robot.limits.curvature_per_m, goal.box(problem.start.configuration)
-    low, high = bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
-    return low, high
