@@ -23,7 +23,7 @@ from pandas.testing import assert_frame_equal
 from test_cli_output import examples
 
 from twosra_mpc import InputError, load_plan, plan
-from twosra_mpc.analysis.critical_path import critical_path
+from twosra_mpc.lab.analysis.critical_path import critical_path
 from twosra_mpc.lab.batch import folder, read_runs, workers
 from twosra_mpc.lab.batch.folder import Asked, plan_chunk
 from twosra_mpc.lab.batch.problems import Problems

@@ -13,14 +13,19 @@ import pytest
 from conftest import Run
 from once import planned, solved
 
-import twosra_mpc.analysis.alternatives as alternatives_module
+import twosra_mpc.lab.analysis.alternatives as alternatives_module
 import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 import twosra_mpc.planning.solver.turning_drive as turning_drive
 from twosra_mpc import InputError, Plan, PlanInterrupted, Status, effort, load_problem, plan
-from twosra_mpc.analysis.alternatives import FARTHER_M, Alternative
-from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
-from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.effort import Ending
+from twosra_mpc.lab.analysis.alternatives import FARTHER_M, Alternative
+from twosra_mpc.lab.analysis.critical_path import (
+    activities,
+    critical_path,
+    hidden_activities,
+    in_words,
+)
+from twosra_mpc.lab.analysis.explanation import Explanation, explain
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
@@ -306,7 +311,7 @@ def test_among_obstacles_more_clearance_is_planned_anew() -> None:
 
 
 def test_what_is_proved_of_reshaping_is_among_the_reasons(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "twosra_mpc.analysis.explanation"
+    module = "twosra_mpc.lab.analysis.explanation"
     monkeypatch.setattr(f"{module}.alternatives", lambda *_: iter(()))  # reasons need none
     told = explain(solved("corridor"))
     assert any(why.startswith("one reshaping is not enough") for why in told.why)
@@ -420,7 +425,7 @@ def test_the_command_says_that_it_was_interrupted(
     def interrupted(*_: object, **__: object) -> None:
         raise PlanInterrupted(part)
 
-    monkeypatch.setattr("twosra_mpc.analysis.explanation.explain", interrupted)
+    monkeypatch.setattr("twosra_mpc.lab.analysis.explanation.explain", interrupted)
     code, out, err = run("explain", "paper-1")
     assert code == 4
     assert "234.58 s freezing both segments" in out

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from once import planned
 
 from twosra_mpc import Plan, Robot, load_robot
-from twosra_mpc.analysis.critical_path import activities, critical_path
+from twosra_mpc.lab.analysis.critical_path import activities, critical_path
 from twosra_mpc.lab.identification.motion_log import save_authors_csv
 from twosra_mpc.lab.report.player import film_of, lanes
 from twosra_mpc.model.outline import robot_shape

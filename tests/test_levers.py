@@ -14,9 +14,9 @@ import pytest
 from problems import bold
 
 from twosra_mpc import Goal, Problem, Start, load_plan, load_problem, load_robot, plan
-from twosra_mpc.analysis.explanation import explain
 from twosra_mpc.checking.levers import bend_levers as own_levers
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.lab.analysis.explanation import explain
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import bend_levers, kinematics
 from twosra_mpc.model.rows import by_rows

@@ -10,7 +10,7 @@ import pytest
 from conftest import Run
 
 from twosra_mpc import Explanation, Problem, explain, load_problem, plan
-from twosra_mpc.analysis.alternatives import Alternative
+from twosra_mpc.lab.analysis.alternatives import Alternative
 from twosra_mpc.problem.tasks import Pass, Reach, in_one_go
 
 

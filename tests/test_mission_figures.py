@@ -18,7 +18,7 @@ from matplotlib.patches import Polygon
 from test_missions import SCENARIOS
 
 from twosra_mpc import Plan, load_problem
-from twosra_mpc.analysis.explanation import task_costs
+from twosra_mpc.lab.analysis.explanation import task_costs
 from twosra_mpc.lab.report import report_page
 from twosra_mpc.lab.report.page import scenario_toml
 from twosra_mpc.plans.carried import object_poses

@@ -14,7 +14,7 @@ import twosra_mpc
 
 SLOW = (
     *("numpy", "scipy", "casadi", "pydantic", "matplotlib", "jinja2", "osqp", "rich"),
-    *("importlib.metadata", "urllib.request", "twosra_mpc.analysis.explanation"),
+    *("importlib.metadata", "urllib.request", "twosra_mpc.lab.analysis.explanation"),
 )
 
 
@@ -43,7 +43,7 @@ def test_the_import_leaves_slow_libraries_alone_until_they_are_needed() -> None:
 import sys, twosra_mpc
 print([name for name in {SLOW!r} if name in sys.modules])
 twosra_mpc.explain
-print("twosra_mpc.analysis.explanation" in sys.modules)
+print("twosra_mpc.lab.analysis.explanation" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split("\n") == ["[]", "True", ""]

@@ -16,13 +16,13 @@ from once import solved
 from problems import random_problem
 
 from twosra_mpc import InputError, Plan, Problem, load_plan, load_problem, load_robot, plan
-from twosra_mpc.analysis.explanation import explain
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.effort import Ending
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.simulation.plant import PathMotion, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.files import write_json
+from twosra_mpc.lab.analysis.explanation import explain
 from twosra_mpc.lab.identification.bend_learning import learned, told_by
 from twosra_mpc.planning.confirmed_bound import Sequences, at_once, least_costs_s
 from twosra_mpc.planning.planner import plan_again, plan_until_interrupted, searched

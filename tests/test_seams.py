@@ -122,7 +122,6 @@ STAGES = [
     ("planning/stages/",),
     ("planning/solver/",),
     ("planning/",),
-    ("analysis/",),
     ("execution/tracking/",),
     ("physics/",),
     ("execution/",),

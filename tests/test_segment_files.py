@@ -14,8 +14,8 @@ from once import solved
 from test_other_segments import problem_of, robot_of
 
 from twosra_mpc import InputError, Result, json_schema, load_plan, plan, save_setpoints
-from twosra_mpc.analysis.critical_path import critical_path
 from twosra_mpc.checking.plan_file import check_plan, refined
+from twosra_mpc.lab.analysis.critical_path import critical_path
 
 
 @pytest.fixture(scope="module", params=[1, 3])

@@ -1,7 +1,5 @@
 # Public names, each where it is defined: `twosra_mpc` imports them when they are asked for.
 
-from twosra_mpc.analysis.explanation import Explanation as Explanation
-from twosra_mpc.analysis.explanation import explain as explain
 from twosra_mpc.checking.plan_file import PlanCheck as PlanCheck
 from twosra_mpc.checking.plan_file import check_plan as check_plan
 from twosra_mpc.checking.plan_file import load_plan as load_plan
@@ -13,6 +11,8 @@ from twosra_mpc.errors import NoPlanError as NoPlanError
 from twosra_mpc.errors import PlanInterrupted as PlanInterrupted
 from twosra_mpc.errors import TwosraError as TwosraError
 from twosra_mpc.installation import __version__ as __version__
+from twosra_mpc.lab.analysis.explanation import Explanation as Explanation
+from twosra_mpc.lab.analysis.explanation import explain as explain
 from twosra_mpc.model.kinematics import Kinematics as Kinematics
 from twosra_mpc.model.kinematics import kinematics as kinematics
 from twosra_mpc.model.outline import RobotShape as RobotShape

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.analysis.critical_path import critical_path
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import differences, json_document, read_text, reading, write_json, write_text
 from twosra_mpc.installation import __version__
+from twosra_mpc.lab.analysis.critical_path import critical_path
 from twosra_mpc.lab.batch.problems import Document, Posed, Problems
 from twosra_mpc.lab.batch.spec import Planner
 from twosra_mpc.lab.batch.table import (

@@ -22,17 +22,12 @@ def compute(folder: Path, tell: Tell, problems: int) -> Data:
     tell("running random problems")
     single, generic = random_runs(problems, "single-mode"), random_runs(problems, "generic")
     plot_forward_kinematics(folder / FIGURE)
-    deviations = [one.fk_deviation for one in single]
     return {
         "problems": problems,
         **{f"single.{name}": share for name, share in _shares(single).items()},
         **{f"generic.{name}": share for name, share in _shares(generic).items()},
         "most_modes": max(len(one.run.sequence) for one in single),
         "most_modes_raw": max(len(one.run.every_mode) for one in single),
-        "fk_deviation_median": 100.0 * float(np.median(deviations)),
-        "fk_deviation_most": 100.0 * max(deviations),
-        "slower_at_first": _share(single, lambda one: one.slower_at_first),
-        "faster_later": _share(single, lambda one: one.faster_later),
     }
 
 

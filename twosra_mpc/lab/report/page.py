@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
-from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
-from twosra_mpc.analysis.explanation import task_costs
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.followed import plan_off_words
 from twosra_mpc.files import data_file, ending_of, environment, write_text
 from twosra_mpc.installation import __version__
 from twosra_mpc.keys import describe
+from twosra_mpc.lab.analysis.critical_path import critical_path, hidden_activities, in_words
+from twosra_mpc.lab.analysis.explanation import task_costs
 from twosra_mpc.lab.report import player
 from twosra_mpc.plans.plan import Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result

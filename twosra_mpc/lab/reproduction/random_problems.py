@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,47 +19,24 @@ from twosra_mpc.lab.reproduction.published_model import SEGMENT_M, published_jac
 from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.validation import ArrayValue
 
 STEP_S, STEPS = 0.05, 200  # of forward kinematics
 MOST_PER_M = 1.5 * math.pi / SEGMENT_M  # it ends before a curvature beyond
 GENERIC = np.array([0.25, 0.25, math.pi, 78.0, 78.0])  # [m, m, rad, 1/m, 1/m], to both sides
-TIMES = 101  # normalised times 0, 0.01 ... 1
 
 Kind = Literal["single-mode", "generic"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class RandomRun(ArrayValue):
+class RandomRun(NamedTuple):
     """The published loop on a random problem.
 
     Attributes:
         target_mode: Mode in which forward kinematics made the target; None if it was drawn.
         run: The loop's trajectory.
-        error: Distance to the target (unweighted norm) as a share of its largest, at `TIMES`
-            normalised times (rows recorded), (TIMES,).
-        fk_error: The same of forward kinematics; zeros if the target was drawn.
     """
 
     target_mode: Mode | None
     run: PublishedTrajectory
-    error: Array
-    fk_error: Array
-
-    @property
-    def fk_deviation(self) -> float:
-        """Largest distance of the error of forward kinematics from the straight line."""
-        return float(np.abs(self.fk_error - np.linspace(1.0, 0.0, TIMES)).max())
-
-    @property
-    def slower_at_first(self) -> bool:
-        """True if the error is above that of forward kinematics in all of the first tenth."""
-        return bool((self.error > self.fk_error)[1:11].all())
-
-    @property
-    def faster_later(self) -> bool:
-        """True if it is below in the second half, up to where both are at the target."""
-        return bool((self.error < self.fk_error)[TIMES // 2 : -1].all())
 
 
 @public
@@ -79,19 +55,8 @@ def random_runs(problems: int, kind: Kind) -> list[RandomRun]:
             driven, mode = draw_single_mode(seed)
         else:
             driven = np.random.default_rng(seed).uniform(-GENERIC, GENERIC, (2, len(GENERIC)))
-        run = published_trajectory(driven[0], driven[-1])
-        error = _error_curve(run.q, driven[-1])
-        straight = np.zeros(TIMES) if mode is None else _error_curve(driven, driven[-1])
-        found.append(RandomRun(mode, run, error, straight))
+        found.append(RandomRun(mode, published_trajectory(driven[0], driven[-1])))
     return found
-
-
-def _error_curve(q: Array, goal: Array) -> Array:
-    """Distance of rows (n, 5) from the goal as a share of its largest, to 1e-6, (TIMES,)."""
-    distance = np.linalg.norm(q - goal, axis=1)
-    rows = np.linspace(0.0, 1.0, len(q))
-    curve = np.interp(np.linspace(0.0, 1.0, TIMES), rows, distance / max(distance.max(), 1e-300))
-    return curve.round(6)
 
 
 def draw_single_mode(seed: int) -> tuple[Array, Mode]:

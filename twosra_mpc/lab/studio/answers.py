@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twosra_mpc.analysis.critical_path import critical_path
-from twosra_mpc.analysis.explanation import reasons
 from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes, built_in_names
+from twosra_mpc.lab.analysis.critical_path import critical_path
+from twosra_mpc.lab.analysis.explanation import reasons
 from twosra_mpc.lab.report import player
 from twosra_mpc.lab.report.page import drawn
 from twosra_mpc.model.outline import RobotShape, robot_shape

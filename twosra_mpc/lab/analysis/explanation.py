@@ -10,7 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from twosra_mpc.analysis.alternatives import (
+from twosra_mpc.arguments import public
+from twosra_mpc.effort import Ending
+from twosra_mpc.errors import InputError, PlanInterrupted
+from twosra_mpc.lab.analysis.alternatives import (
     MOST_ORDERS,
     Alternative,
     alternatives,
@@ -20,16 +23,13 @@ from twosra_mpc.analysis.alternatives import (
     orders_not_planned,
     with_better,
 )
-from twosra_mpc.analysis.critical_path import (
+from twosra_mpc.lab.analysis.critical_path import (
     Activity,
     Hidden,
     critical_path,
     hidden_activities,
     in_words,
 )
-from twosra_mpc.arguments import public
-from twosra_mpc.effort import Ending
-from twosra_mpc.errors import InputError, PlanInterrupted
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.relaxation import bending_task
