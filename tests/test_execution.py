@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
@@ -13,13 +14,13 @@ from once import planned, simulated, solution
 from problems import exactly
 from scipy.optimize import newton
 
-from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc import Goal, InputError, Problem, load_problem, plan
 from twosra_mpc.execution.belief import Belief, Metal
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.course import Course
 from twosra_mpc.execution.driving import Pulses, predicted_curvatures, settling
 from twosra_mpc.execution.executor import Executor, plan_controller
-from twosra_mpc.execution.replanning import remaining_problem
+from twosra_mpc.execution.replanning import Replanning, remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
@@ -27,11 +28,14 @@ from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate, spread
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.robot.accuracy import PLANNED, Accuracy
+from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED, Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, soft_segments
 from twosra_mpc.thermal.lumped import Lumped
+
+if TYPE_CHECKING:
+    from twosra_mpc.execution.following import Following
 
 Array = NDArray[np.float64]
 
@@ -470,6 +474,38 @@ def test_heaters_wait_for_the_phases_before_them() -> None:
     assert [at(end_s, done).begun for done in range(4)] == [0, 1, 2, 4]
     assert course.expected_s(0, "rigid") > 200
     assert 61 - 25 > warm - 25 > 15
+
+
+def test_no_melt_begins_while_other_metal_coasts_that_must_freeze_first() -> None:
+    """Else both would be liquid, and their bends even out."""
+    made = planned("paper-5", modes=((0, 0), (0, 1), (1, 0)))
+    assert [phase.mode for phase in made.phases] == [(0, 0), (0, 1), (1, 0)]
+    belief = Belief(made.problem, Camera(), Patience())
+    course = Course(belief, made)
+    course.done, course.clock_s = 2, made.phases[2].start_s
+    for second, first_C in (("soft", course.warm_C), ("changing", 65.0), ("rigid", 65.0)):
+        belief.reading = replace(belief.reading, stiffness=("rigid", second))
+        assert course.setpoint_C.tolist() == [first_C, 25.0]
+
+
+@pytest.mark.parametrize(("off_per_m", "expected"), [(0.0, 14), (ACCEPTED, 170), (10.0, 1)])
+def test_soft_metal_is_looked_at_until_it_is_clear_whether_it_is_bent_as_the_goal_wants(
+    off_per_m: float, expected: int
+) -> None:
+    task = problem("paper-1")
+    at = task.start.kappa_per_m
+    goal = Goal(kappa_per_m=(at[0] + off_per_m, at[1]))
+    belief = Belief(task.with_values(goal=goal), NOISY, Patience())
+    belief.reading = replace(belief.reading, stiffness=("soft", "rigid"))
+    run = SimpleNamespace(belief=belief, driving=None)
+    decided = Replanning(cast("Following", run))._decided
+    seen = [decided()]
+    for k in range(1, 600):
+        belief._filter.predict(k / 15, np.zeros(5), LENGTHS_M)
+        belief._filter.correct(np.array([k / 15]), task.start.configuration[None])
+        seen.append(decided())
+    assert seen == sorted(seen)  # it stays so
+    assert seen.index(True) == pytest.approx(expected, rel=0.2, abs=2)
 
 
 def test_one_heater_at_a_time_is_kept() -> None:

@@ -74,7 +74,16 @@ class Course:
         before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
         early = item.to == "rigid" and before > 0  # the plan let it coast
         heated_s = item.heater_s - (self._lead_s(item) if before > 0 else 0.0)
-        return self.done >= before and (early or self.clock_s >= heated_s - SAME_TIME_S)
+        due = self.done >= before and (early or self.clock_s >= heated_s - SAME_TIME_S)
+        return due and not (item.to == "soft" and self._coasts_beside(item, before))
+
+    def _coasts_beside(self, item: Transition, before: int) -> bool:
+        """True if liquid metal has yet to freeze before this melt: else bends would even out."""
+        mode, belief = self.needs(before)[0], self.belief
+        soft_C = self.plan.robot.heater.soft_setpoint_C
+        asked = zip(mode, belief.reading.stiffness, belief.setpoint_C, strict=True)
+        coasts = [not soft and now == "soft" and each_C < soft_C for soft, now, each_C in asked]
+        return any(coasts[: item.segment - 1] + coasts[item.segment :])
 
     def _lead_s(self, item: Transition) -> float:
         """Time by which a melt is begun earlier than planned: other metal may freeze sooner.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from twosra_mpc.effort import limited
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.belief import Metal
-from twosra_mpc.execution.controller import Activity, Next, look_at_objects, rest
+from twosra_mpc.execution.controller import Activity, Looking, Next, look_at_objects, rest
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.bounds.schedule import cost_coefficients, feasible_schedule
 from twosra_mpc.planning.planner import plan_again
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 SWITCH_S = 10.0  # a change of plan costs: what is known of metal is as uncertain
 _DECISION_WORK = 200.0  # units, a third of a second: commands go on meanwhile once a second
+_SURELY_BENT = 3.0  # deviations: as at the end of bends
 _ROOM_WORK = 4000.0  # units, 6 s: for one that keeps more than is asked
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 _SURELY = 0.99  # quantile of the time that is planned for once a joint bend has missed
@@ -74,7 +76,22 @@ class Replanning:
             return rest(belief, self._as_they_become(), settings.patience.rest_s)
         if run.mission.holding is not None and set(stiffness) != {"rigid"}:  # soft, none holds
             return self._cool()
-        return look_at_objects(belief, self._plan)
+        objects = partial(look_at_objects, belief, self._plan)
+        return Looking(belief, self._decided, settings.patience.long_look_s, objects)
+
+    def _decided(self) -> bool:
+        """True if it is clear which of the soft segments are as the goal wants them.
+
+        One that is taken to be, and is not, costs a melt and a freeze more.
+        """
+        belief = self._belief
+        soft = np.array(belief.reading.stiffness) == "soft"
+        off, unsure = (
+            np.abs(value[POSE:][soft]) / belief.accuracy.curvature_per_m
+            for value in (belief.error, belief.deviation)
+        )
+        certain = unsure <= belief.patience.certain_of_a_melt
+        return bool((certain | (np.abs(off - ACCEPTED) >= _SURELY_BENT * unsure)).all())
 
     def _plan(self) -> Next:
         try:
