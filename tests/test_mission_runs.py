@@ -175,6 +175,23 @@ def test_a_lost_cup_is_noticed_within_two_seconds_and_grasped_again(
     assert np.hypot(*(asked.objects[0].pose.pose[:2] - truly)) < 1e-3
 
 
+def test_a_cup_lost_on_its_path_is_led_along_the_rest_alone(planner: Planner) -> None:
+    begin, end = IN_B0[:2], IN_B0[:2] + [0.4, 0.0]
+    path = {"path": [begin.tolist(), end.tolist()], "position_tolerance_m": 0.02}
+    cup = {**dict(carry().objects[0]), "disc": {"radius_m": 0.0275}}
+    led = carry(objects=[cup], tasks=[{"do": "follow", "object": "cup", **path}])
+    planner._answer = nothing
+    robot = Slipping(led, 4.0, [0.0, 0.15, 0.0])
+    run = Executor(robot, think=planner).run(plan(led).require())
+    assert run.ending is Ending.OBJECT_LOST
+    grasp, follow = planner.asked[-1].tasks[0], planner.asked[-1].tasks[-1]
+    assert (grasp.do, follow.do) == ("grasp", "follow")
+    truth = robot.truth()
+    before = truth.objects[truth.time_s < 4.0, 0, 0].max() - begin[0]
+    assert follow.from_m == pytest.approx(before, abs=0.02)  # type: ignore[attr-defined]
+    assert 0.03 < before < 0.35
+
+
 def test_a_cup_lost_too_often_ends_the_run(carried: Plan, planner: Planner) -> None:
     class Always(Slipping):
         def wait(self, at_most_s: float) -> None:

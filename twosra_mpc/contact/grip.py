@@ -171,8 +171,8 @@ def _facets(generators: Array) -> Array:
     if not len(generators):
         return np.concatenate([np.eye(3), -np.eye(3)])
     rays = generators / np.linalg.norm(generators, axis=1, keepdims=True)
-    _, sizes, axes = np.linalg.svd(rays, full_matrices=True)
-    rank = int((sizes > 1e-6).sum())
+    squares, axes = np.linalg.eigh(rays.T @ rays)
+    rank, axes = int((squares > 1e-12).sum()), axes.T[::-1]
     flat = np.concatenate([axes[rank:], -axes[rank:]])
     own = rays @ axes[:rank].T
     if rank == 3:

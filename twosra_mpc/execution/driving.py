@@ -30,7 +30,8 @@ _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn 
 _COUNTED = 0.2  # of the fastest wheel: in a bend slower ones make no difference
 _SOON_S = np.array([0.5, 1.0])  # in which a robot of 2sra-v1's acceleration slows down
 _STIFF = 0.7  # of the bend: in a log soft segments differ by 0.44 of it, a stiff one by all of it
-_FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is in the way
+_FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: it is felt
+_TIGHTER_PER_M = 2.0  # than planned: accuracy leaves bends 1 1/m looser, and 0.5 mm of gap is 0.5
 _SLIPS_S, _SLIPS_PER_M2_S = 0.2, 150.0  # ahead its speed is looked at; as much, per (m/s)^2 and s
 _MINUTES = 1.5  # times two deviations: one of 700 bends, each of 300 s, is worth half a second
 _ROUNDING = 1e-9  # [1/m^2]
@@ -198,6 +199,8 @@ class Driving:
         return abs(share - ACCEPTED) >= self.patience.doubtful
 
     def _looked(self) -> Next:
+        if self.closes:
+            return self.run.phase_done(self.index)
         self._looks += 1
         patience, again = self.patience, self._looks <= self.patience.tries
         if again and self._off() + self._uncertain() > self._accepted:
@@ -249,6 +252,7 @@ class Driving:
         """Configuration as seen, (3 + n,), its soft segments as far off as those that settle now.
 
         With an object that is led somewhere it is the one in which that would be held as planned.
+        What a robot closes round it is to close on more tightly than planned, until that is felt.
         The units bend all soft segments at once, so one number can be brought to the plan's: what
         others miss is made good in the later phases in which they are soft.
         """
@@ -259,6 +263,9 @@ class Driving:
             aimed = self._right_at_once(q)
             mean = away[self.settling].mean() if aimed is None else away[self.soft].mean() + aimed
             q[POSE:][self.soft] += mean - away[self.soft].mean()
+        if over and self.closes:
+            planned = self.course.planned[POSE:][self.soft].mean()
+            q[POSE:][self.soft] -= math.copysign(_TIGHTER_PER_M, planned)
         return q
 
     def _right_at_once(self, q: Array) -> float | None:

@@ -201,6 +201,9 @@ class Mission:
         first = self._left[0]
         name = self.holding or first.about  # what is held, or the task is about
         assert name is not None
+        path = first.stage(self.problem.modes).follows
+        if path is not None and path.object == name:  # it is led along the rest alone
+            first = self._resumed(path, self.belief.q, self.poses())
         self.lost[name] += 1
         self.trouble, self._hold = words, None
         asked = (task for task in grasps(self.problem.tasks).values() if task.object == name)
@@ -209,7 +212,7 @@ class Mission:
             again = (next(asked, Grasp(object=name)),)
         if first.lets_go and name in self._goals:
             again += (self._goals[name],)
-        self._left, self._ends = (*again, *self._left), []
+        self._left, self._ends = (*again, first, *self._left[1:]), []
         self._watch(None)
         return self.lost[name]
 
@@ -225,8 +228,7 @@ class Mission:
         start = problem.start.with_values(holding=holding)
         tasks = self.left
         if tasks and (path := tasks[0].stage(problem.modes).follows) is not None:
-            in_b0 = [composed(inverse(q[:POSE]), poses[i]) for i in held if path.object is not None]
-            tasks = (self._resumed(path, q, *in_b0), *tasks[1:])
+            tasks = (self._resumed(path, q, poses), *tasks[1:])
         aimed: dict[int, Task] = {i: self._aimed(task) for i, task in carries(tasks).items()}
         for i in held:
             cage = cage_of(problem, q, i, composed(inverse(q[:POSE]), poses[i]))
@@ -237,17 +239,20 @@ class Mission:
         self._asked |= dict(zip(left, tasks, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
-    def _resumed(self, task: Follow, q: Array, in_b0: Array | None = None) -> Follow:
+    def _resumed(self, task: Follow, q: Array, poses: Array) -> Follow:
         """What is left of a path that is followed in part.
 
         Args:
             task: The path.
             q: The robot now, (3 + n,).
-            in_b0: Pose in its frame of the object that follows, (3,); None: a part of it does.
+            poses: The objects now, (objects, 3).
         """
-        if in_b0 is None:
+        if task.object is None:
             in_b0 = part_in_b0(self.problem.robot, q[POSE:], task.part)
-        at = composed(np.vstack([*self._path, q])[:, :POSE], in_b0)
+            now = composed(q[:POSE], in_b0)
+        else:
+            in_b0, now = self._held_in_b0, poses[self._numbers[task.object]]
+        at = np.vstack([composed(np.array(self._path)[:, :POSE], in_b0), now])
         gone_m = task.left.along(at[:, :2], _AHEAD * task.position_tolerance_m)[-1]
         last_m = task.line.length_m[-1] - task.position_tolerance_m
         return task.with_values(from_m=float(max(min(task.from_m + gone_m, last_m), task.from_m)))

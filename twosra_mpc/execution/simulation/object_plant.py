@@ -57,18 +57,23 @@ class ObjectPlant:
         self.squeezed = ""
         self._shape: tuple[bytes, Array] = (b"", np.empty(0))
 
-    def follow(self, before: Array, after: Array) -> None:
-        """Let the robot go from one configuration (3 + n,) to another, nearly straight."""
+    def follow(self, before: Array, after: Array) -> bool:
+        """Let the robot go from one configuration (3 + n,) to another, nearly straight.
+
+        Returns:
+            True if everything gave way.
+        """
         travel_m = float(np.abs(after - before) @ self._arms_m)
         away_m = np.linalg.norm(self.poses[:, :2] - after[:2], axis=1) - self._radii_m
         if travel_m == 0 or (away_m > self._arms_m[2] + travel_m).all():
-            return
+            return True
         steps = math.ceil(travel_m / _STEP_M)
-        last = self._pieces(before)
+        last, gave_way = self._pieces(before), True
         for k in range(1, steps + 1):
             pieces = self._pieces(before + k / steps * (after - before))
-            self._give_way(last if last.shape == pieces.shape else pieces, pieces)
+            gave_way &= self._give_way(last if last.shape == pieces.shape else pieces, pieces)
             last = pieces
+        return gave_way
 
     def _pieces(self, q: Array) -> Array:
         """The robot as convex pieces, (pieces, 4, 2)."""
@@ -77,14 +82,14 @@ class ObjectPlant:
             self._shape = bent, footprints(self._geometry, q[None, POSE:], _SAGITTA_M)[0][0]
         return placed(self._shape[1], q[None, :POSE])[0]
 
-    def _give_way(self, before: Array, after: Array) -> None:
+    def _give_way(self, before: Array, after: Array) -> bool:
         """Move objects out of the robot, and then out of each other and of what stands."""
         rested, held_m = self.poses.copy(), np.zeros(len(self._things))
         robot = Pieces(after)
         for _ in range(_ROUNDS):
             touches = list(self._touches(robot, (self.poses != rested).any(axis=1)))
             if not touches:
-                return
+                return True
             i, contact, by = max(touches, key=lambda touch: touch[1].depth_m)
             if by is None:
                 self._push(i, contact.way, contact.depth_m, contact.at)
@@ -99,6 +104,7 @@ class ObjectPlant:
         if not self.squeezed and contact.depth_m > SQUEEZED_M:
             what = "the robot" if by is None else self._names[by] if isinstance(by, int) else by
             self.squeezed = f"{self._names[i]} in {what} by {1e3 * contact.depth_m:z.1f} mm"
+        return False
 
     def _touches(self, robot: Pieces, moved: Array) -> Iterator[_Touch]:
         """Overlaps: object, how, and by what: another object, a wall, or None, the robot."""

@@ -106,8 +106,9 @@ class PathMotion:
         after: Array = roll(self.q, turned * grip * share, drift).full().ravel()
         if not bends_into_itself(self._robot, self.q, after[None]):  # else the wheels slip
             self.q = after
-        if self.objects is not None:
-            self.objects.follow(q, self.q)
+        gave_way = self.objects is None or self.objects.follow(q, self.q)
+        if any(mode) and not gave_way:  # what it closes round keeps it from bending
+            self.q = np.concatenate([self.q[:POSE], q[POSE:]])
 
     def _evened(self, q: Array, mode: Mode) -> Array:
         """Configuration once segments are soft together; the wheels stand, and slip least."""

@@ -62,6 +62,7 @@ class Handling:
     def __init__(self, problem: Problem, refused: dict[str, bool]) -> None:
         self.problem, self.refused = problem, refused
         self._known: dict[object, tuple[tuple[Touch, float], ...]] = {}
+        self._grips: dict[object, tuple[PushingCone | None, Pulls]] = {}
 
     def ways(self, stage: Stage, at: State) -> Iterator[State]:
         """Every way to do a stage."""
@@ -123,17 +124,20 @@ class Handling:
 
     def holding(self, placement: Placement, hold: Hold) -> Placement:
         """The stage with an object in hand."""
-        thing, robot, cone = self.problem.objects[hold.number], self.problem.robot, None
-        held, pulls = quadrangles(thing.at(hold.pose_in_b0)), self._pulls(hold)
-        if not hold.caged:
-            where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
-            cone = pushing_cone(*where, _SURELY * (thing.friction or 0.0))
+        held = quadrangles(self.problem.objects[hold.number].at(hold.pose_in_b0))
+        cone, pulls = self._grip(hold)
         return replace(placement, held=held, cone=cone, pulls=pulls, most=self._most)
 
-    def _pulls(self, hold: Hold) -> Pulls:
-        """What wheels pull for an object in hand."""
-        thing = self.problem.objects[hold.number]
-        return Pulls.of(self.problem.robot, hold.kappa, thing, hold.pose_in_b0)
+    def _grip(self, hold: Hold) -> tuple[PushingCone | None, Pulls]:
+        """What friction moves with the robot, None in a cage, and what its wheels pull for it."""
+        key = hold.number, hold.kappa.tobytes(), hold.pose_in_b0.tobytes()
+        if key not in self._grips:
+            thing, robot, cone = self.problem.objects[hold.number], self.problem.robot, None
+            if not hold.caged:
+                where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
+                cone = pushing_cone(*where, _SURELY * (thing.friction or 0.0))
+            self._grips[key] = cone, Pulls.of(robot, hold.kappa, thing, hold.pose_in_b0)
+        return self._grips[key]
 
     def _grasped(self, stage: Stage, task: Grasp, at: State) -> Iterator[State]:
         """The stages that end in each touch that holds an object as asked."""
@@ -209,7 +213,7 @@ class Handling:
         """The stages that end with what is held at a pose."""
         hold = at.hold
         assert hold is not None, "checked with the problem"
-        thing, pulls = self.problem.objects[hold.number], self._pulls(hold)
+        thing, (_, pulls) = self.problem.objects[hold.number], self._grip(hold)
         ahead = np.column_stack([np.cos(BEGUN_RAD), np.sin(BEGUN_RAD), 0 * BEGUN_RAD])
         if words := self._weak(task, float(pulls(ahead).min())):
             self.refused[f"{task.said(len(at.placements) + 1)}: {words}"] = False
