@@ -176,7 +176,7 @@ def test_a_lost_cup_is_noticed_within_two_seconds_and_grasped_again(
 
 
 def test_a_cup_lost_on_its_path_is_led_along_the_rest_alone(planner: Planner) -> None:
-    begin, end = IN_B0[:2], IN_B0[:2] + [0.4, 0.0]
+    begin, end = IN_B0[:2], np.add(IN_B0[:2], [0.4, 0.0])
     path = {"path": [begin.tolist(), end.tolist()], "position_tolerance_m": 0.02}
     cup = {**dict(carry().objects[0]), "disc": {"radius_m": 0.0275}}
     led = carry(objects=[cup], tasks=[{"do": "follow", "object": "cup", **path}])
