@@ -150,8 +150,8 @@ def test_asking_for_more_never_lowers_the_bound(robot: Robot, ramps: bool) -> No
 
 def test_a_box_around_the_start_and_free_positions_prove_nothing() -> None:
     near, free = np.array([0.01, 0.0]), np.full(2, math.nan)
-    change = PoseChange(near, np.full(2, 0.1), (-1, 1), False)
-    assert least_drive_time(STRAIGHT, change, 2.0) == 0.0
+    boxed = PoseChange(near, np.full(2, 0.1), (-1, 1), False)
+    assert least_drive_time(STRAIGHT, boxed, 2.0) == 0.0
     change = PoseChange(free, np.zeros(2), (1, 1), False)
     assert least_drive_time(STRAIGHT, change, 2.0) == 0.0
     assert least_time(STRAIGHT, change, 2.0) > 0.0
@@ -165,9 +165,8 @@ def test_no_step_gains_more_than_between_the_headings_of_a_coarse_grid(seed: int
     vertices = twist_vertices(rows)
     assert vertices is not None
     along = rng.uniform(-0.2, 0.2, 2)
-    goal = -0.5, 0.5
-    change = PoseChange(along, np.zeros(2), goal, False)
-    made = _Drive(rows, vertices, change, goal, until_s=3.0)
+    change = PoseChange(along, np.zeros(2), (-0.5, 0.5), False)
+    made = _Drive(rows, vertices, change, change.turns, until_s=3.0)
     grid, _ = made._grid(16)
     h, m = float(grid[1] - grid[0]), len(made.slices) // 2
     step_s, excess = m * h / made.fastest_turn, []

@@ -175,8 +175,7 @@ def test_free_and_loose_goals_are_never_bounded_above_a_tight_one(goal: Goal) ->
 def test_wheels_that_cannot_hold_the_body_give_no_bound() -> None:
     matrix = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, 0.2], [1.0, 0.0, 0.3], [1.0, 0.0, 0.4]])
     shift = np.array([1.0, 0.0])
-    change = PoseChange(shift, np.zeros(2), (0.0, 0.0), True)
-    assert least_time(matrix, change, known_s=9.0) == 0.0
+    assert least_time(matrix, PoseChange(shift, np.zeros(2), (0.0, 0.0), True), 9.0) == 0.0
 
 
 def test_all_headings_that_a_motion_into_a_box_visits_are_covered() -> None:
@@ -198,8 +197,7 @@ def test_a_solver_that_is_wrong_proves_nothing_too_high(
     rows, goal = np.diag([1.0, 1.0, 0.5]), np.array([0.3, 0.4])
 
     def bound() -> float:
-        change = PoseChange(goal, np.full(2, 0.1), (0.0, 0.0), False)
-        return least_time(rows, change, known_s=1.0)
+        return least_time(rows, PoseChange(goal, np.full(2, 0.1), (0.0, 0.0), False), 1.0)
 
     exact = bound()
 
@@ -229,7 +227,6 @@ def test_a_turn_and_a_drive_are_bounded_exactly_wherever_the_panels_lie(turn_rad
     for angle in np.linspace(0.25, 0.35, 17):
         shift = np.array([math.cos(angle), math.sin(angle)])
         change = PoseChange(shift, np.zeros(2), (0.6, 0.6), False)
-        bound = least_time(rows, change, 1.2 * takes_s)
-        shares.append(bound / takes_s)
+        shares.append(least_time(rows, change, 1.2 * takes_s) / takes_s)
     assert max(shares) <= 1.0
     assert min(shares) > 0.999

@@ -21,7 +21,6 @@ from twosra_mpc.keys import unit_of
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.self_collision import self_collision
 from twosra_mpc.problem import limits
-from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Alone, Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
@@ -29,11 +28,6 @@ from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
 # Half-widths: boxes as small are as good as their corners.
 _NARROW_M, _NARROW_RAD, _NARROW_PER_M = 0.01, 0.05, 1.0
-
-
-def exact(goal: GoalSet) -> bool:
-    """True if a goal leaves no choice of a curvature that it asks for."""
-    return not goal.half_width[POSE:].any()
 
 
 def check_shapes(problem: Problem) -> None:
@@ -114,7 +108,8 @@ def may_drive(problem: Problem | Alone, sequence: ModeSequence) -> tuple[bool, .
     for phase in (i for i, mode in enumerate(sequence) if is_rigid(mode)):
         before = all(map(is_rigid, sequence[:phase]))
         shape = (problem.start if before else problem.goal).configuration[POSE:]
-        known = before or (all(map(is_rigid, sequence[phase:])) and exact(problem.goal))
+        exact = not problem.goal.half_width[POSE:].any()  # the goal leaves no choice of a shape
+        known = before or (exact and all(map(is_rigid, sequence[phase:])))
         if known and not np.isnan(shape).any():
             usable[phase] = bool(limits.may_drive_in(problem.robot, shape).all())
     return tuple(usable)

@@ -61,7 +61,7 @@ def least_drive_time(speed_rows: Array, change: PoseChange, until_s: float) -> f
     Takes a hundred times as long as ``rigid_motion.least_time``, whose arguments these are.
     """
     vertices = twist_vertices(speed_rows)
-    if vertices is None or not change.asked.any() or until_s <= 0:
+    if vertices is None or not np.isfinite(change.shift).any() or until_s <= 0:
         return 0.0
     reach = float(vertices[:, 2].max()) * until_s
     if reach > FAR_RAD:  # turning takes little of the time
@@ -92,8 +92,8 @@ class _Drive:
         goal: tuple[float, float],
         until_s: float,
     ) -> None:
-        self.change, self.goal, self.until_s = change, goal, until_s
-        self.along, self.box = change.known
+        self.goal, self.until_s, self.asked = goal, until_s, np.isfinite(change.shift)
+        self.along, self.box = np.where(self.asked, [change.shift, change.box], 0.0)
         self.fastest_turn = float(vertices[:, 2].max())
         self.headings = headings_visited(goal, self.fastest_turn * until_s)
         self.slices = _best_slices(rows, vertices, (self.headings[1] - self.headings[0]) / _FINE)
@@ -105,7 +105,7 @@ class _Drive:
         Directions p are tried on a coarse grid of headings, the best one on a fine grid.
         """
         angle = math.atan2(self.along[1], self.along[0])
-        if self.change.asked.all():
+        if self.asked.all():
             angle = _largest(
                 lambda angle: self._reached(angle, _COARSE, midway)[1],
                 angle - math.pi / 2,

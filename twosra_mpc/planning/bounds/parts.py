@@ -48,7 +48,7 @@ def bound_by_parts(events: Events, task: BendingTask, enough: float) -> Sequence
         task: What the bending coordinates must do.
         enough: A bound that need not be exceeded.
     """
-    sequence, free = events.sequence, free_bends(events.sequence, task)
+    sequence, free = events.network.sequence, free_bends(events.network.sequence, task)
     if not free and determined_bends(sequence, task) is not None:
         return None
     parts = [(-math.inf, (*task.change, *free))]
@@ -86,7 +86,7 @@ def _middle(box: Intervals) -> Intervals:
 def _in_box(box: Intervals, events: Events, task: BendingTask) -> Events | None:
     """Events as long as the bends of a box take; None if these pass a forbidden shape."""
     change, choice = _split(box, task)
-    least = least_durations(events.sequence, replace(task, change=change), choice)
+    least = least_durations(events.network.sequence, replace(task, change=change), choice)
     longer = list(map(max, least, events.least_s))
     return events._replace(least_s=longer) if max(least) < math.inf else None
 

@@ -30,7 +30,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.robot.coordinates import Array
@@ -59,16 +58,6 @@ class PoseChange(NamedTuple):
     turns: tuple[float, float]
     modulo: bool
 
-    @property
-    def asked(self) -> NDArray[np.bool_]:
-        """True for x, and for y, if it is not free."""
-        return np.isfinite(self.shift)
-
-    @property
-    def known(self) -> tuple[Array, Array]:
-        """The shift and its box, zero where free."""
-        return np.where(self.asked, self.shift, 0.0), np.where(self.asked, self.box, 0.0)
-
     def headings(self, reach: float) -> list[tuple[float, float]]:
         """Intervals of goal headings, relative to the start's, that can be turned to by a reach."""
         low, high = self.turns
@@ -83,10 +72,11 @@ class PoseChange(NamedTuple):
 
         The first four are p = plus - minus, both >= 0: so the box costs box . (plus + minus).
         """
-        along, box = self.known
+        asked = np.isfinite(self.shift)
+        along, box = np.where(asked, [self.shift, self.box], 0.0)
         gain = np.concatenate([along - box, -along - box, further])
         ends = np.tile([-np.inf, np.inf], (len(gain), 1))
-        ends[:4, 0], ends[:4][~np.tile(self.asked, 2), 1] = 0.0, 0.0
+        ends[:4, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
         return gain, ends
 
 

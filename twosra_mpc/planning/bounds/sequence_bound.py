@@ -87,23 +87,18 @@ class Events(NamedTuple):
     weights: Weights
     least_s: Sequence[float]
 
-    @property
-    def sequence(self) -> ModeSequence:
-        """Mode of each phase."""
-        return self.network.sequence
-
 
 def sequence_bound(events: Events, task: BendingTask) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
 
     Where only time counts and it is known which bends take least, that is a longest path.
     """
-    bends = quickest_bends(events.sequence, task, events.weights)
+    bends = quickest_bends(events.network.sequence, task, events.weights)
     if bends is None:
         try:
             return _linear_program_bound(events, task)
         except ArithmeticError:
-            bends = mean_bends(events.sequence, task)
+            bends = mean_bends(events.network.sequence, task)
     return longest_path_bound(events, bends)
 
 
@@ -143,7 +138,7 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
     goal pose, and a sequence whose soft modes are independent.
     """
-    (network, weights, least_s), phases = events, _phase_motions(events.sequence, task)
+    (network, weights, least_s), phases = events, _phase_motions(events.network.sequence, task)
     if task.pose is None or phases is None:
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
@@ -211,9 +206,9 @@ def _shapes(
 def _linear_program_bound(
     events: Events, task: BendingTask, pose: PoseConstraint | None = None
 ) -> SequenceBound | None:
-    rows, layout = bend_rows(events.sequence, task, events.weights), events.network.layout
+    rows, layout = bend_rows(events.network.sequence, task, events.weights), events.network.layout
     program = Relaxation(events, rows.rates, rows.efforts)
-    program.bend(events.sequence, task, rows)
+    program.bend(events.network.sequence, task, rows)
     program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}

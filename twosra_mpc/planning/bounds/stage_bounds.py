@@ -256,7 +256,7 @@ class Together:
         if (task := self.stages[0].bend) is not None:
             own, told = bend_rows(sequences[0], task, weights), len(sequences[0])
             rates, efforts = own.rates, own.efforts
-        later = self.events.sequence[told:]
+        later = self.events.network.sequence[told:]
         rates = [*rates, *(relaxation.rate(mode) if any(mode) else 0.0 for mode in later)]
         efforts = [*efforts, *[0.0] * len(later)] if weights.effort else []
         program = Relaxation(self.events, rates, efforts)
@@ -288,7 +288,7 @@ class Together:
         ``stops`` has the ends by the number of phases before; of the first ``told`` it is done.
         """
         bends = dict[int, float]()
-        for i, mode in enumerate(self.events.sequence):
+        for i, mode in enumerate(self.events.network.sequence):
             if mode[segment]:
                 bends[program.layout.count + i] = 1.0
             if i < told:
@@ -307,7 +307,7 @@ class Together:
         """Let all phases of a stage, and its drives alone, last as long as the way takes."""
         if distance_m <= 0.0:
             return
-        sequence, layout = self.events.sequence, program.layout
+        sequence, layout = self.events.network.sequence, program.layout
         by_drives = [i for i in phases if is_rigid(sequence[i])]
         driven_m = self.relaxation.driven_m([sequence[i] for i in phases], distance_m)
         for moving, least in ((phases, distance_m), (by_drives, driven_m)):

@@ -67,11 +67,11 @@ class Leaves:
         if not all(map(math.isfinite, durations)):
             return None
         network = self.so_far.network(whole, self.last(whole), durations)
-        events, stages = self._events(network, durations), self.variants[whole.variant]
+        events, stages = (
+            Events(network, self.so_far.weights, durations),
+            self.variants[whole.variant],
+        )
         return Together(events, stages, whole.sequences, self.relaxation).bound()
-
-    def _events(self, network: TemporalNetwork, least_s: Sequence[float]) -> Events:
-        return Events(network, self.so_far.weights, least_s)
 
     def tighter(
         self, whole: Whole, drives_s: Sequence[Sequence[float]], bound: float, enough: float
@@ -112,12 +112,12 @@ class Leaves:
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         if (task := stage.bend) is None:
             return -math.inf
-        first, timing = whole.sequences[:1], self.so_far.timing
+        first, timing, weights = whole.sequences[:1], self.so_far.timing, self.so_far.weights
         if (whole.variant, first) not in self._first:
             least_s = self.so_far.to_go.alone.durations(stage, sequence)
             longer = list(map(max, least_s, drives_s))
             network = timing.network(sequence, stage.settled(sequence), longer)
-            delayed = self._events(timing.with_delays(network, longer), longer)
+            delayed = Events(timing.with_delays(network, longer), weights, longer)
             parts = bound_by_parts(delayed, task, enough)
             cost = -math.inf if parts is None else parts.cost
             if cost < enough:
@@ -156,7 +156,7 @@ class Leaves:
             return
         least_s = [0.0] * len(sequence)
         network = self.so_far.timing.network(sequence, stage.settled(sequence), least_s)
-        parts = bound_by_parts(self._events(network, least_s), task, math.inf)
+        parts = bound_by_parts(Events(network, self.so_far.weights, least_s), task, math.inf)
         self._take_over(whole, parts)
 
     def _take_over(self, whole: Whole, parts: SequenceBound | None) -> None:

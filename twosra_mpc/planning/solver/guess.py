@@ -146,13 +146,6 @@ def clipped_w(problem: Problem | Alone, *ends: Array) -> Array:
     return bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
 
 
-def bend_changes(problem: Problem, *goals: GoalSet) -> Array:
-    """Least and largest change of W with which each segment ends in goals, (goals, 2, n)."""
-    start = problem.start.configuration
-    w = clipped_w(problem, start, *(end for goal in goals for end in goal.box(start)))
-    return (w[1:] - w[0]).reshape(len(goals), 2, -1)
-
-
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:
     """Bends that end in the inner one of two boxes, or as near to it as the sequence can.
 

@@ -27,7 +27,6 @@ from twosra_mpc.planning.solver.fixed_sequence import (
 )
 from twosra_mpc.planning.solver.gentle import cheapest
 from twosra_mpc.planning.solver.guess import (
-    bend_changes,
     bends_around,
     clipped_w,
     correct_end,
@@ -142,7 +141,10 @@ class GoalSolver:
         self.problem = problem = variant.reaching(stage)
         self._asked, self._guessed_plan = variant.problem, guessed or checked
         self._least_s = _NLP_WORTH * worth_s
-        self._box, self._aim = bend_changes(problem, problem.goal, problem.inner_goal)
+        start = problem.start.configuration
+        boxes = problem.goal.box(start), problem.inner_goal.box(start)
+        here, *ends = clipped_w(problem, start, *itertools.chain(*boxes))
+        self._box, self._aim = np.reshape(ends - here, (2, 2, -1))  # changes of W, low and high
         least = np.clip(0.0, *self._box)
         self._nearest = np.array([least, least])  # where a margin does not fit, bending less may
         self.iterations = 0
