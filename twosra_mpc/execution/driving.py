@@ -199,8 +199,6 @@ class Driving:
         return abs(share - ACCEPTED) >= self.patience.doubtful
 
     def _looked(self) -> Next:
-        if self.closes:
-            return self.run.phase_done(self.index)
         self._looks += 1
         patience, again = self.patience, self._looks <= self.patience.tries
         if again and self._off() + self._uncertain() > self._accepted:
@@ -221,7 +219,9 @@ class Driving:
     @property
     def _accepted(self) -> float:
         """Deviation that is left as it is, in units of the accuracy."""
-        return POSE_SHARE if self.rigid else ACCEPTED
+        tightened = self.closes and self.course.clock_s >= self.phase.end_s
+        tighter = _TIGHTER_PER_M / self.belief.accuracy.curvature_per_m if tightened else 0.0
+        return POSE_SHARE if self.rigid else ACCEPTED + tighter
 
     def _judged_pose(self) -> Next:
         if self.bends and self.belief.accuracy.of_pose(self.course.away) > 1.0:
