@@ -13,7 +13,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ Rooms = Callable[[Array, Rows], Array]  # the same -> room of parts, (2 segments
 
 TOUCHES_M = 5e-6  # what chords miss: as near counts as touching, as deep as not overlapping
 _STEP_PER_M, _OPENING_PER_M = 0.5, 2.0  # of curvatures: 0.4 mm and 1.6 mm of 40 mm
-_ROOM_M = 2e-7  # that is left where parts touch
+_STEPS, _ROOM_M = 64, 2e-7  # at most, until so little room is left
 
 
 class Closed(NamedTuple):
@@ -48,6 +48,24 @@ class Closed(NamedTuple):
     curvature: Array
     touches: NDArray[np.bool_]
     fits: NDArray[np.bool_]
+
+
+class _Bracket(NamedTuple):
+    """Curvatures (m,) at which parts are apart and overlap, NaN if not known, and room there.
+
+    They are narrowed in place.
+    """
+
+    low: Array
+    high: Array
+    above: Array
+    below: Array
+
+    def narrow(self, rows: Rows, at: Array, room: Array) -> None:
+        """Take in the room at further curvatures."""
+        met = room < 0
+        self.high[rows[met]], self.below[rows[met]] = at[met], room[met]
+        self.low[rows[~met]], self.above[rows[~met]] = at[~met], room[~met]
 
 
 def close(
@@ -75,58 +93,63 @@ def close(
     def rooms(curvature: Array, rows: Rows) -> Array:
         return _rooms_m(robot, contour, place(curvature, rows), segments, gap_m)
 
-    def least(curvature: Array, rows: Rows) -> Array:
-        return rooms(curvature, rows).min(axis=0)
-
-    apart, high = np.array(start), np.full(len(start), np.nan)
-    _open(least, apart, high, most)
-    fits = apart >= -most
-    _approach(rooms, apart, high, reach, most)
-    touches = np.isfinite(high)
-    _narrow(least, apart, high, np.flatnonzero(touches & fits))
-    return Closed(apart, touches, fits)
+    above = rooms(start, np.arange(len(start))).min(axis=0)
+    found = _Bracket(np.array(start), np.full(len(start), np.nan), above, above.copy())
+    _open(rooms, found, most)
+    fits = found.low >= -most
+    _approach(rooms, found, reach, most)
+    touches = np.isfinite(found.high)
+    _halve(rooms, found, touches & fits)
+    return Closed(found.low, touches, fits)
 
 
-def _open(least: Rooms, apart: Array, high: Array, most: float) -> None:
-    """Open what overlaps, by steps, until it does no more or is bent the other way by ``most``.
-
-    ``apart`` and ``high`` (m,) are curvatures at which parts are apart and overlap, NaN if not
-    known, and are set in place.
-    """
-    opening = np.flatnonzero(least(apart, np.arange(len(apart))) < 0)
+def _open(rooms: Rooms, found: _Bracket, most: float) -> None:
+    """Open what overlaps, by steps, until it does no more or is bent the other way by ``most``."""
+    low, high, above, below = found
+    opening = np.flatnonzero(above < 0)
     while len(opening):
-        high[opening] = apart[opening]
-        apart[opening] -= _OPENING_PER_M
-        opening = opening[apart[opening] >= -most]
-        opening = opening[least(apart[opening], opening) < 0]
+        high[opening], below[opening] = low[opening], above[opening]
+        low[opening] -= _OPENING_PER_M
+        opening = opening[low[opening] >= -most]
+        above[opening] = rooms(low[opening], opening).min(axis=0)
+        opening = opening[above[opening] < 0]
 
 
-def _approach(rooms: Rooms, apart: Array, high: Array, reach: Array, most: float) -> None:
+def _approach(rooms: Rooms, found: _Bracket, reach: Array, most: float) -> None:
     """Close what has not overlapped yet by steps in which it cannot, or small ones."""
-    closing = np.flatnonzero(np.isnan(high))
-    left = rooms(apart[closing], closing)
+    closing = np.flatnonzero(np.isnan(found.high))
+    left = rooms(found.low[closing], closing)
     while len(closing):
         step = np.maximum((left / reach).min(axis=0), _STEP_PER_M)
-        ahead = np.minimum(apart[closing] + step, most)
+        ahead = np.minimum(found.low[closing] + step, most)
         left = rooms(ahead, closing)
-        met = left.min(axis=0) < 0
-        high[closing[met]], apart[closing[~met]] = ahead[met], ahead[~met]
-        further = ~met & (ahead < most)
+        least = left.min(axis=0)
+        found.narrow(closing, ahead, least)
+        further = (least >= 0) & (ahead < most)
         closing, left = closing[further], left[:, further]
 
 
-def _narrow(least: Rooms, apart: Array, high: Array, between: Rows) -> None:
-    """Move some of ``apart`` to where little room is left, by Chandrupatla's method."""
-    from scipy.optimize import elementwise  # a quarter of a second
+def _halve(rooms: Rooms, found: _Bracket, some: NDArray[np.bool_]) -> None:
+    """Narrow brackets until little room is left, where the secant of their ends is zero.
 
-    def beyond(curvature: Any, *rows: Any) -> Any:
-        return least(curvature, *rows) - _ROOM_M / 2
-
-    between = between[least(apart[between], between) > _ROOM_M]
-    if len(between):
-        ends = apart[between], high[between]
-        within: Any = {"args": (between,), "tolerances": {"fatol": _ROOM_M / 2}}
-        apart[between] = elementwise.find_root(beyond, ends, **within).x
+    An end that stays counts for half as much each time (Illinois); every fourth step halves.
+    """
+    between = np.flatnonzero(some & (found.above > _ROOM_M))
+    before, weight = np.full(len(some), 2), np.ones((2, len(some)))
+    for step in range(_STEPS):
+        if not len(between):
+            break
+        low, high, above, below = (each[between] for each in found)
+        ends = np.array([above - _ROOM_M / 2, _ROOM_M / 2 - below]) * weight[:, between]
+        share = np.full(len(between), 0.5) if step % 4 == 3 else ends[0] / ends.sum(axis=0)
+        at = low + share * (high - low)
+        room = rooms(at, between).min(axis=0)
+        found.narrow(between, at, room)
+        met = room < 0
+        again = np.where(met == before[between], 0.5, 1.0)
+        weight[:, between] = np.where([met, ~met], weight[:, between] * again, 1.0)
+        before[between] = met
+        between = between[found.above[between] > _ROOM_M]
 
 
 def _rooms_m(
