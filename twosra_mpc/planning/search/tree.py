@@ -67,10 +67,8 @@ class Leaves:
         if not all(map(math.isfinite, durations)):
             return None
         network = self.so_far.network(whole, self.last(whole), durations)
-        events, stages = (
-            Events(network, self.so_far.weights, durations),
-            self.variants[whole.variant],
-        )
+        events = Events(network, self.so_far.weights, durations)
+        stages = self.variants[whole.variant]
         return Together(events, stages, whole.sequences, self.relaxation).bound()
 
     def tighter(
