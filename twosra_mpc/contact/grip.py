@@ -60,6 +60,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
 _FLAT = 1e-9  # rounding of unit normals
 _OFF = 1e-7  # of a load, out of the cone and still held
 _STILL_M = 1e-12  # of an object in an interval
+SURELY = 0.7  # of an object's friction: at its limit it slips
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,7 +119,8 @@ class Driving:
         # What turns yet belongs to the time at which it has turned; over, the path rests.
         time_s = course.clock_s + (belief.camera.period_s if over else pace * belief.motors.lag_s)
         measured = self._seen + belief.coasting + (0.0 if over else self._slipping(pace))
-        wheels = run.tracker.step(Measurement(time_s, self.index, measured, pace)).wheel_rad_s
+        cone = self.mission.pushing
+        wheels = run.tracker.step(Measurement(time_s, self.index, measured, pace, cone)).wheel_rad_s
         # All time that passes until bends are right is time that metal does not freeze.
         shape = run.pulses.brisk if over and not self.rigid else run.pulses.shape
         period_s, mode = belief.camera.period_s, self.phase.mode

@@ -43,6 +43,7 @@ _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
 _SURELY = 3.0  # standard deviations within which an object is where it is seen
 _LOOSER_M = 1e-3  # than a cage as it is seen
 _AHEAD = 4.0  # times a path's tolerance, that progress may gain from one reading to the next
+_ANY = np.zeros((0, POSE))  # facets of the cone of all twists
 _LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
@@ -68,6 +69,7 @@ class Mission:
         self._put_at: tuple[Array, Array] | None = None  # object and b0 before the last release
         self._asked: dict[Task, Task] = {}  # as planned: as asked
         self._looks = 0  # at the end of this carry
+        self._cone = _ANY
         self._drags: dict[str, Array] = {}  # how its release moves an object, in b0, (2,) [m]
         self._numbers = {item.name: i for i, item in enumerate(self.problem.objects)}
         self.begin(plan)
@@ -119,6 +121,11 @@ class Mission:
     def pulls(self) -> bool:
         """True if what is held is led along a path."""
         return self._hold is not None and any(map(self._leads, self._left[:1]))
+
+    @property
+    def pushing(self) -> Array:
+        """Facets of the cone of twists that keep what is pushed, (f, 3); none: nothing is."""
+        return _ANY if self._hold is None else self._cone
 
     @property
     def ends_on_path(self) -> bool:
@@ -335,11 +342,24 @@ class Mission:
     def _closed_round(self, hold: Carried, in_b0: Array) -> bool:
         """Note where an object is in the hand, and how far it may get; True if it is caged."""
         cage = cage_of(self.problem, self.belief.q, hold.object, in_b0)
-        self._held_in_b0, self._room_m = in_b0.copy(), 0.0
+        self._held_in_b0, self._room_m, self._cone = in_b0.copy(), 0.0, _ANY
         if cage is None or not cage.proved:
+            self._cone = self._pushed(hold)
             return False
         self._room_m = cage.room_m
         return True
+
+    def _pushed(self, hold: Carried) -> Array:
+        """Facets of the cone of an object that is pushed, as planned; none where it is caged so."""
+        problem, thing = self.problem, self.problem.objects[hold.object]
+        q = self.plan.trajectory.configuration([hold.from_s])[0]
+        cage = cage_of(problem, q, hold.object, hold.pose_in_b0)
+        if thing.friction is None or (cage is not None and cage.proved):
+            return _ANY
+        from twosra_mpc.contact.grip import SURELY, pushing_cone
+
+        where = problem.robot.geometry, q[POSE:], thing, hold.pose_in_b0
+        return pushing_cone(*where, SURELY * thing.friction).facets
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""

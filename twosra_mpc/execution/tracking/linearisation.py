@@ -7,11 +7,14 @@ the limited speeds g,
     \min_{e, s}\; \tfrac12 \sum_{k=1}^{N} |e_k|^2
     + \tfrac{\rho}{2} \sum_{k=0}^{N-1} |e_{k+1} - e_k|^2 + \tfrac{p-1}{2} |e_N|^2 + \lambda s \\
     \text{s.t.}\quad |g_k| \le 1,\quad |\omega_k - \omega_{k-1}| \le h \dot\omega_{max},\quad
-    |\kappa_k| \le \kappa_{max} + s,\quad s \ge 0,
+    |\kappa_k| \le \kappa_{max} + s,\quad F t_k \le \epsilon s,\quad s \ge 0,
 
 rho = (response / h)^2. The cost is exactly quadratic: penalising the change of the deviation makes
 the plan's own inputs free. With p = (1 + sqrt(1 + 4 rho)) / 2 it is the cost over an infinite
 horizon, and e_{k+1} = a e_k with a = rho / (rho + p) its solution while no limit is active.
+
+Twists t of b0 with F t <= 0 keep an object that is pushed: see `contact.grip`. So what is off is
+set right by turning where a step aside would leave the object behind.
 
 All that is nonlinear are the limits. They are linearised about the previous solution, moved on by
 one period, plus a^k times what the measurement has brought that it did not predict: a motion of the
@@ -50,6 +53,7 @@ from twosra_mpc.robot.modes import is_rigid
 UNLIMITED = 1e30  # what OSQP takes as no bound
 RATE_LIMITED_PERIODS = 3
 CURVATURE_UNIT, SLACK_UNIT = 0.3, 3.0  # found by experiment: few iterations, limit active or not
+PUSH_UNIT = 0.05  # epsilon: a push aside costs so much more, or what is off would pay for it
 CURVATURE_MARGIN = 1.01  # curvatures beyond the limit are taken as so many times the limit
 
 
@@ -61,6 +65,7 @@ class Stage(NamedTuple):
         speeds: (q, d) -> (g, dg/dd, dg/dy, bending): speeds, and their derivatives by the step and
             by the outputs half way, (rows, m).
         bending: q -> derivative of the moving curvatures by the outputs, (bending, m).
+            Of what is pushed the twist of b0 comes first [m/s, m/s, rad/s].
         limits: Rows of g to keep within one; those left out are then within one by themselves.
         wheels: Wheels that turn in this mode; they are the last rows of g.
     """
@@ -88,6 +93,8 @@ def stage_model(setup: Setup) -> Stage:
         most = limits.unit_speed_m_s
         g = ca.vertcat(v[:2] / most, g)
         rows = [0, 1, *(2 + i for i in rows if not _within_one(by_wheel[i, :], most))]
+    if setup.facets:
+        g, rows = ca.vertcat(v[2:], g), [POSE + i for i in rows]
     bends = along[list(outputs.bending), :]
     speeds = [g, ca.jacobian(g, d), ca.jacobian(g, q) @ along, bends]
     # Common terms are sought here, in what a horizon repeats: in all of it that takes seconds.
@@ -179,7 +186,8 @@ class TrackingProgram:
 
     Attributes:
         setup: What it was made from.
-        linearise: (q measured, reference (m, N+1), previous solution, last wheel command (4,))
+        linearise: (q measured, reference (m, N+1), previous solution, last wheel command (4,),
+            facets of the cone)
             -> (values of A in column order, lower, upper, first m entries of the cost vector,
             deviation measured and guess of the solution).
         command: (q measured, reference, solution, last wheel command) -> (v (5,), wheel speeds (4,)
@@ -224,13 +232,14 @@ def tracking_program(setup: Setup) -> TrackingProgram:
     q, wheels = ca.SX.sym("q", setup.coordinates.size), ca.SX.sym("wheels", WHEELS)
     reference = ca.SX.sym("reference", m, n + 1)
     previous = ca.SX.sym("previous", setup.variables)
+    facets = ca.SX.sym("facets", POSE, setup.facets).T
     arguments = [q, reference, previous, wheels]
 
     start, deviation = believed_start(setup, q, reference[:, 0])
     expected = expected_deviations(setup, deviation, previous)
     y = [reference[:, k] + expected[k] * setup.scale for k in range(n + 1)]
     periods = motion(setup, stage, start, y)
-    kinds = _constraints(setup, stage, expected, periods, wheels)
+    kinds = _constraints(setup, stage, expected, periods, wheels, facets)
     rows = list(itertools.chain(*kinds))
     matrix = ca.sparsify(ca.vertcat(*(item.matrix for item in rows)))
     numbers = [
@@ -248,7 +257,7 @@ def tracking_program(setup: Setup) -> TrackingProgram:
     values = (np.ones(matrix.nnz()), pattern.row(), pattern.colind())
     return TrackingProgram(
         setup=setup,
-        linearise=ca.Function("linearise", arguments, numbers, {"cse": same_shape}),
+        linearise=ca.Function("linearise", [*arguments, facets.T], numbers, {"cse": same_shape}),
         command=ca.Function("command", arguments, sent),
         hessian=_hessian(setup),
         cost=cost,
@@ -273,7 +282,12 @@ def _hessian(setup: Setup) -> sparse.csc_matrix:
 
 
 def _constraints(
-    setup: Setup, stage: Stage, expected: list[ca.SX], periods: list[Period], wheels: ca.SX
+    setup: Setup,
+    stage: Stage,
+    expected: list[ca.SX],
+    periods: list[Period],
+    wheels: ca.SX,
+    facets: ca.SX,
 ) -> list[list[_Rows]]:
     """Rows of each stage, of the wheel rates period by period, and the sign of the slack."""
     unit, limits = _row_units(setup, stage), list(stage.limits)
@@ -285,9 +299,11 @@ def _constraints(
         rows = [limited.within(-largest, largest)]
         if setup.outputs.bending:
             rows.append(_curvature_rows(setup, k, periods[k], expected[k + 1]))
+        if setup.facets:
+            rows.append(_push_rows(speed, facets, unit[:POSE]))
         stages.append(_Rows(*(ca.vertcat(*parts) for parts in zip(*rows, strict=True))))
     kinds = [stages, _wheel_rates(setup, stage, unit, speeds, wheels)]
-    if setup.outputs.bending:
+    if setup.slack:
         slack = ca.SX(1, setup.variables)
         slack[0, -1] = 1
         kinds.append([_Rows(slack, ca.SX(0), ca.SX(UNLIMITED))])
@@ -332,6 +348,14 @@ def _curvature_rows(setup: Setup, k: int, period: Period, expected: ca.SX) -> _R
     constant = side * period.kappa / unit - slope @ expected
     free = ca.SX(-UNLIMITED * np.ones(side.numel()))
     return _Rows(matrix, free, CURVATURE_UNIT * limit / unit - constant)
+
+
+def _push_rows(speed: _Affine, facets: ca.SX, unit: Array) -> _Rows:
+    """Keep the twist of a period in the cone of what is pushed, up to the slack."""
+    own = facets @ np.diag(unit[0] / unit)
+    matrix, constant = own @ speed.matrix[:POSE, :], own @ speed.constant[:POSE]
+    matrix[:, -1] = -PUSH_UNIT / SLACK_UNIT
+    return _Rows(matrix, ca.SX(-UNLIMITED * np.ones(constant.numel())), -constant)
 
 
 def _wheel_rates(

@@ -135,6 +135,7 @@ class Setup:
     period_s: float
     weights: TrackerWeights
     limits: TrackerLimits
+    facets: int = 0  # of the cone that keeps what is pushed
 
     @property
     def coordinates(self) -> Coordinates:
@@ -148,8 +149,13 @@ class Setup:
 
     @property
     def variables(self) -> int:
-        """Variables of the program: the deviations, and in soft modes a slack."""
-        return self.outputs.count * self.horizon + (1 if self.outputs.bending else 0)
+        """Variables of the program: the deviations, and a slack where limits may be exceeded."""
+        return self.outputs.count * self.horizon + int(self.slack)
+
+    @property
+    def slack(self) -> bool:
+        """True if there are limits that a robot may be beyond: of curvatures, and of a push."""
+        return bool(self.outputs.bending) or self.facets > 0
 
     @property
     def scale(self) -> Array:

@@ -14,7 +14,7 @@ from scipy import sparse
 from twosra_mpc.execution.tracking.linearisation import TrackingProgram, tracking_program
 from twosra_mpc.execution.tracking.setup import Setup, SolverSettings
 from twosra_mpc.model.kinematics import InPlace
-from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 
 USABLE = 0.03  # residuals up to which a point that did not converge is still worth sending
 STEP_SIZE = 2.0  # rho of ADMM; rows and cost are scaled so that one suits every robot and weight
@@ -77,7 +77,7 @@ class QuadraticProgram:
 
 
 class ProgramInPlace:
-    """A tracking program for a loop: fill ``measured``, ``reference``, ``wheels``; ``solve()``.
+    """A tracking program for a loop: fill what it reads, ``solve()``.
 
     CasADi writes the numbers of the program where OSQP reads them. A solution stays as the next
     one's linearisation point and start, until ``forget()``.
@@ -86,6 +86,7 @@ class ProgramInPlace:
         measured: Measured configuration, (3 + n,).
         reference: Outputs of the plan now and at the following samples, (N + 1, m).
         wheels: Last wheel command, (4,) [rad/s].
+        facets: Of the cone that keeps what is pushed, (f, 3): see `contact.grip`.
         v: Input found, [v1, v2, u0, v0, r0], (5,).
         command: Wheel speeds found, (4,) [rad/s].
         iterations: ADMM iterations of the last step; 0 before the first.
@@ -96,6 +97,7 @@ class ProgramInPlace:
         self.program, self._settings = program, settings
         self.measured = np.zeros(setup.coordinates.size)
         self.reference = np.zeros((setup.horizon + 1, setup.outputs.count))
+        self.facets = np.zeros((setup.facets, POSE))
         self.v, self.wheels, self.command = np.zeros(INPUTS), np.zeros(WHEELS), np.zeros(WHEELS)
         self._cost = program.cost.copy()
         self._x = np.zeros(len(self._cost))
@@ -108,7 +110,7 @@ class ProgramInPlace:
         arguments = [self.measured, self.reference, self._x, self.wheels]
         changing = self._cost[: setup.outputs.count]
         numbers = [self._values, self._lower, self._upper, changing, self._expected]
-        self._linearise = InPlace(program.linearise, arguments, numbers)
+        self._linearise = InPlace(program.linearise, [*arguments, self.facets], numbers)
         self._first_command = InPlace(program.command, arguments, [self.v, self.command])
         self.forget()
         self._linearise.evaluate()

@@ -19,7 +19,7 @@ from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLi
 from twosra_mpc.execution.tracking.solver import ProgramInPlace, QuadraticProgram, Quality
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
-from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.validation import ArrayValue
@@ -48,6 +48,8 @@ class Measurement(ArrayValue):
         phase: Index of the phase to track, None between phases.
         q: Configuration [x m, y m, phi rad, kappa1 ... kappan 1/m], (3 + n,).
         pace: Share of the planned speed at which it goes on from there, from 1 / `PARTS` to 1.
+        cone: Facets of the cone of twists t that keep what is pushed, cone @ t <= 0, (f, 3); none
+            where nothing is.
 
     Raises:
         InputError: If a value is not a finite number.
@@ -57,11 +59,13 @@ class Measurement(ArrayValue):
     phase: int | None
     q: ArrayLike
     pace: float = 1.0
+    cone: ArrayLike = ()
 
     def __post_init__(self) -> None:
         q = np.array(self.q, dtype=float)
         q.setflags(write=False)
         object.__setattr__(self, "q", q)
+        object.__setattr__(self, "cone", np.array(self.cone, dtype=float).reshape(-1, POSE))
         object.__setattr__(self, "time_s", float(self.time_s))
 
 
@@ -158,9 +162,9 @@ class Tracker:
         self.weights = weights or TrackerWeights()
         self.limits = limits or TrackerLimits()
         self.solver = solver or SolverSettings()
-        self._programs: dict[Mode, ProgramInPlace] = {}
-        self._phases: list[tuple[ProgramInPlace, PhaseReference]] | None = None
-        self._phase: int | None = None
+        self._programs: dict[tuple[Mode, int], ProgramInPlace] = {}
+        self._phases: list[tuple[Mode, PhaseReference]] | None = None
+        self._phase: tuple[int, int] | None = None  # with the facets of its cone
         self._solved_last: ProgramInPlace | None = None
         off = _read_only(np.full(robot.coordinates.segments, robot.heater.rigid_setpoint_C))
         self.last_command = Command(
@@ -184,7 +188,7 @@ class Tracker:
             program = self._program(phase.mode)
             selection = program.program.setup.outputs.selection
             path = PhaseReference(plan.trajectory, phase, selection, self.horizon, self.period_s)
-            phases.append((program, path))
+            phases.append((phase.mode, path))
         self._phases, self._phase = phases, None
         self._times = samples.t_s.tolist()
         self._heaters: list[Array] = list(samples.heater_setpoint_C)
@@ -211,13 +215,16 @@ class Tracker:
         if not 0 <= phase < len(self._phases):
             allowed = f"None, or a phase of the plan (0 to {len(self._phases) - 1})"
             raise InputError("measurement.phase", phase, allowed)
-        program, path = self._phases[phase]
-        if phase != self._phase:
+        mode, path = self._phases[phase]
+        cone = np.asarray(measurement.cone)
+        program = self._program(mode, len(cone))
+        if (phase, len(cone)) != self._phase:
             program.forget()
-            self._phase = phase
+            self._phase = phase, len(cone)
             if np.abs(self.last_command.wheel_rad_s).max() > program.program.setup.wheel_change:
                 return self._stop(CommandStatus.HELD, heaters, "the wheels stop between phases")
         program.measured[:] = measurement.q
+        program.facets[:] = cone
         program.wheels[:] = self.last_command.wheel_rad_s
         path.write(measurement.time_s, program.reference, measurement.pace)
         self._solved_last = program
@@ -245,12 +252,12 @@ class Tracker:
         last = self._solved_last
         return last.quadratic_program() if last is not None and last.iterations else None
 
-    def _program(self, mode: Mode) -> ProgramInPlace:
-        if mode not in self._programs:
+    def _program(self, mode: Mode, facets: int = 0) -> ProgramInPlace:
+        if (mode, facets) not in self._programs:
             settings = self.horizon, self.period_s, self.weights, self.limits
-            setup = Setup(self.robot.body, mode, *settings)
-            self._programs[mode] = ProgramInPlace(tracking_program(setup), self.solver)
-        return self._programs[mode]
+            setup = Setup(self.robot.body, mode, *settings, facets)
+            self._programs[mode, facets] = ProgramInPlace(tracking_program(setup), self.solver)
+        return self._programs[mode, facets]
 
     def _stop(self, status: CommandStatus, heaters: Array, message: str) -> Command:
         self.last_command = Command(_NO_WHEELS, _NO_INPUT, heaters, status, message)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.contact.grip import Pulls, PushingCone, caged, pushing_cone
+from twosra_mpc.contact.grip import SURELY, Pulls, PushingCone, caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.stages.along import (
@@ -50,7 +50,6 @@ _STRAIGHT_PER_M = 1.0
 _AS_IT_IS_PER_M = 0.1  # from a shape that touches: 0.1 mm over 40 mm
 _STILL_M = 1e-12  # of an object in an interval
 _ALIKE = 6  # decimals of m and 1/m
-_SURELY = 0.7  # of an object's friction: at its limit it slips
 
 
 class Handling:
@@ -135,7 +134,7 @@ class Handling:
             thing, robot, cone = self.problem.objects[hold.number], self.problem.robot, None
             if not hold.caged:
                 where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
-                cone = pushing_cone(*where, _SURELY * (thing.friction or 0.0))
+                cone = pushing_cone(*where, SURELY * (thing.friction or 0.0))
             self._grips[key] = cone, Pulls.of(robot, hold.kappa, thing, hold.pose_in_b0)
         return self._grips[key]
 
