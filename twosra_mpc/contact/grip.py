@@ -59,6 +59,7 @@ def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: Array
 
 _FLAT = 1e-9  # rounding of unit normals
 _OFF = 1e-7  # of a load, out of the cone and still held
+_LEVEL = 0.05  # of normals along a front that counts as flat: 0.05 rad
 _STILL_M = 1e-12  # of an object in an interval
 SURELY = 0.7  # of an object's friction: at its limit it slips
 
@@ -70,10 +71,12 @@ class PushingCone:
     Attributes:
         contacts: Where they touch, in b0, (k, 2) [m].
         facets: Twists t with facets @ t <= 0 are held, (f, 3).
+        room_m: How far it may slide along a flat front until its centroid is beyond contact.
     """
 
     contacts: Array
     facets: Array
+    room_m: float
 
     def holds(self, twists: ArrayLike) -> NDArray[np.bool_]:
         """True for body twists (s_u, s_v, s_r) of b0 (..., 3) that keep the object, (...,)."""
@@ -122,7 +125,18 @@ def pushing_cone(
     forces = np.concatenate([into + across, into - across])
     arms = np.tile(points - middle, (2, 1))
     torque = (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]) / load[2, 2]
-    return PushingCone(points, _facets(np.column_stack([forces, torque])) @ load)
+    facets = _facets(np.column_stack([forces, torque])) @ load
+    return PushingCone(points, facets, _room_m(points - middle, into))
+
+
+def _room_m(points: Array, into: Array) -> float:
+    """Room of a centroid at zero between contacts (k, 2) in a line, with normals; 0: in none."""
+    spread = points - points.mean(axis=0) if len(points) else np.zeros((1, 2))
+    along = np.linalg.eigh(spread.T @ spread)[1][:, -1]
+    if not len(points) or np.abs(into @ along).max() > _LEVEL:
+        return 0.0
+    places = points @ along
+    return float(max(min(places.max(), -places.min()), 0.0))
 
 
 def _load(contour: Contour, pose: Array) -> tuple[Array, Array]:

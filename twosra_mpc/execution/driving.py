@@ -258,7 +258,7 @@ class Driving:
         others miss is made good in the later phases in which they are soft.
         """
         over = self.course.clock_s >= self.phase.end_s
-        q = self.mission.steered(self.belief.q.copy(), over=over)
+        q = self.mission.steered(self.belief.q.copy())
         if not self.rigid:
             away = (q - self.course.planned)[POSE:]
             aimed = self._right_at_once(q)

@@ -179,18 +179,17 @@ class Mission:
             name = self.problem.objects[hold.object].name
             raise ObjectLostError(f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
 
-    def steered(self, q: Array, *, over: bool = False) -> Array:
+    def steered(self, q: Array) -> Array:
         """The robot (3 + n,) that would hold what it holds as planned, where that is seen to be.
 
         So a tracker brings the object to where it is planned, as it turns about b0 only where its
         heading is asked for. What is farther off than its cage has room is lost: see `check_held`.
-        What is pushed stays behind when the robot comes back: once it is ``over`` that is left.
         """
         hold, objects = self._hold, self.belief.objects
         if hold is None or objects is None or not objects.seen or not self._left:
             return q
         task, item, seen = self._left[0], self.problem.objects[hold.object], objects.in_b0
-        if task.about != item.name or (over and not self._room_m):
+        if task.about != item.name:
             return q
         seen = seen[hold.object].copy()
         if item.disc is not None or not task.asks_heading:
@@ -344,22 +343,23 @@ class Mission:
         cage = cage_of(self.problem, self.belief.q, hold.object, in_b0)
         self._held_in_b0, self._room_m, self._cone = in_b0.copy(), 0.0, _ANY
         if cage is None or not cage.proved:
-            self._cone = self._pushed(hold)
+            self._push(hold)
             return False
         self._room_m = cage.room_m
         return True
 
-    def _pushed(self, hold: Carried) -> Array:
-        """Facets of the cone of an object that is pushed, as planned; none where it is caged so."""
-        problem, thing = self.problem, self.problem.objects[hold.object]
+    def _push(self, hold: Carried) -> None:
+        """Note what friction keeps of an object that is held as planned by being pushed."""
+        thing = self.problem.objects[hold.object]
         q = self.plan.trajectory.configuration([hold.from_s])[0]
-        cage = cage_of(problem, q, hold.object, hold.pose_in_b0)
-        if thing.friction is None or (cage is not None and cage.proved):
-            return _ANY
+        planned = cage_of(self.problem, q, hold.object, hold.pose_in_b0)
+        if thing.friction is None or (planned is not None and planned.proved):
+            return
         from twosra_mpc.contact.grip import SURELY, pushing_cone
 
-        where = problem.robot.geometry, q[POSE:], thing, hold.pose_in_b0
-        return pushing_cone(*where, SURELY * thing.friction).facets
+        where = self.problem.robot.geometry, q[POSE:], thing, hold.pose_in_b0
+        cone = pushing_cone(*where, SURELY * thing.friction)
+        self._cone, self._room_m = cone.facets, cone.room_m
 
     def _aimed(self, task: Carry) -> Carry:
         """The task with what the release is known to add taken off, for b0's heading now."""
