@@ -111,15 +111,13 @@ def wrong_place(line: Polyline, most_turn_rad: float, within_m: float) -> tuple[
     turns = np.minimum(turns, math.tau - turns)
     if turns.max(initial=0.0) <= most_turn_rad:
         return None
-    radius_m = within_m / (1 / max(math.cos(turns.max() / 2), _SAME_M) - 1)
-    if turns.max() > _CUSP_RAD:
-        apart = "a task that ends here, and one that goes on from here"
-        return int(
-            turns.argmax()
-        ) + 1, f'no cusp, at which it turns back: {apart}; or heading = "free"'
-    by = f"a bend, where it turns by {math.degrees(turns.max()):z.0f} degrees at once"
-    room = f"of a radius up to {1e3 * radius_m:z.2g} mm, which keeps within the tolerance"
-    return int(turns.argmax()) + 1, f'{by}: {room}; or heading = "free"'
+    at, turn = int(turns.argmax()) + 1, float(turns.max())
+    wrong, radius_m = "no cusp, at which it turns back", within_m  # round its tip
+    if turn <= _CUSP_RAD:
+        wrong = f"no corner, where it turns by {math.degrees(turn):z.0f} degrees at once"
+        radius_m = within_m / (1 / math.cos(turn / 2) - 1)
+    room = f"a bend of a radius up to {1e3 * radius_m:z.2g} mm, which keeps within the tolerance"
+    return at, f'{wrong}: {room}; a task that ends here, and another; or heading = "free"'
 
 
 def flattened(control: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
@@ -200,7 +198,9 @@ def _cubics(data: str) -> Iterator[tuple[float, float]]:
             pairs = [start]
         if kind == "M":
             if before:
-                raise InputError("path", f"a second {command}", "a path without a jump")
+                jump = [f"({z.real:zg}, {z.imag:zg})" for z in (here, pairs[0])]
+                allowed = f"a path without a jump: this one is from {jump[0]} to {jump[1]}"
+                raise InputError("path", f"a second {command}", allowed)
             here = start = pairs[0]
             yield here.real, here.imag
         mirrored = 2 * here - handle if before in {"S": "CS", "T": "QT"}.get(kind, "") else here
