@@ -59,6 +59,14 @@ def test_without_friction_a_flat_face_turns_about_points_on_its_normals() -> Non
         assert cone.holds(twists).tolist() == [True, False]
 
 
+def test_what_slides_has_room_until_its_centroid_is_beyond_the_last_contact() -> None:
+    """Half its side on a flat front that is longer, to either side; none on a round one."""
+    for side_m, off_m in ((0.03, 0.0), (0.06, 0.008), (0.06, -0.008)):
+        assert pushed(side_m, 0.3, off_m).room_m == pytest.approx(side_m / 2, abs=5e-4)
+    cone = pushing_cone(V2.geometry, TOUCH.kappa, disc(0.06), TOUCH.pose_in_b0, 0.5)
+    assert cone.room_m == 0.0
+
+
 @given(seeds, frictions)
 @settings(max_examples=10)
 def test_it_is_a_convex_cone_that_friction_widens(seed: int, friction: float) -> None:

@@ -237,10 +237,23 @@ def test_files_hold_the_same_path(tmp_path: Path) -> None:
         line = Follow(path=str(name)).line  # type: ignore[arg-type]
         assert line.length_m[-1] == pytest.approx(0.6)
         assert line.at(np.array([0.45])) == pytest.approx(np.array([[0.3, 0.15]]))
-    for data, words in (("h300 M500 0 h10", "without a jump"), ("C 10 20 30", "6 numbers after")):
+    for data, words in (
+        ("h300 M500 0 h10", "from .300, 0. to .500, 0."),
+        ("C 10 20 30", "6 numbers after"),
+    ):
         svg.write_text(f'<svg><path d="M0 0 {data}"/></svg>')
         with pytest.raises(InputError, match=words):
             Follow(path=str(svg))  # type: ignore[arg-type]
+
+
+def test_a_cusp_may_be_a_bend_of_the_radius_that_is_said() -> None:
+    """Round its tip: what is refused as a cusp is taken once it turns there so."""
+    line: Any = {"do": "follow", "heading": "tangent", "position_tolerance_m": 0.008}
+    with pytest.raises(InputError, match=r"no cusp.* a bend of a radius up to 8 mm"):
+        Follow(path=[(0.0, 0.0), (0.3, 0.0), (0.0, 1e-4)], **line)
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 40)
+    bend = 0.008 * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.3, 0.0]
+    Follow(path=[(0.0, -0.008), *map(tuple, bend.tolist()), (0.0, 0.008)], **line)
 
 
 def test_a_run_that_is_pushed_aside_goes_back_and_follows_the_rest(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grasps import cube
 from numpy.typing import NDArray
 from once import planned
 from problems import ROBOT
@@ -27,6 +28,7 @@ from twosra_mpc import (
     plan,
     with_path_model,
 )
+from twosra_mpc.contact.grip import pushing_cone
 from twosra_mpc.execution.tracking.linearisation import tracking_program
 from twosra_mpc.execution.tracking.setup import (
     Setup,
@@ -338,6 +340,31 @@ def test_a_rigid_phase_recovers_from_a_push(sign: int) -> None:
     push = sign * np.array([0.005, -0.005, math.radians(3), 0.0, 0.0])
     q = drive(tracker, of, 0, configuration(of, 0.0) + push)
     np.testing.assert_allclose(q, configuration(of, of.phases[0].end_s), atol=1e-6)
+
+
+def test_what_is_pushed_is_set_right_without_a_step_aside() -> None:
+    """All twists stay in the cone, where without it the first leaves it, and the path is met."""
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    tasks: Any = [{"do": "follow", "path": [[0.0, 0.0], [0.0, 0.5]], "heading": 0.0}]
+    made = plan(Problem(robot=ROBOT, start=start, tasks=tasks, gap=0.3)).require()  # type: ignore[arg-type]
+    cone = pushing_cone(ROBOT.geometry, [0.0, 0.0], cube(0.06), [0.0, 0.0345, 0.0], 0.02)
+    tracker, phase = Tracker(made.robot), made.phases[0]
+    aside = made.trajectory.configuration([1.0])[0] + [0.008, 0.0, 0.0, 0.0, 0.0]
+
+    def run(facets: Array) -> tuple[Array, Array]:
+        tracker.reset(made)
+        q, twists, time_s = aside, [], 1.0
+        while time_s < phase.end_s:
+            v = tracker.step(Measurement(time_s, 0, q, 1.0, facets)).v
+            q, time_s = moved(tracker, phase.mode, q, v), time_s + tracker.period_s
+            twists.append(v[2:])
+        return q, np.array(twists)
+
+    _, free = run(np.zeros((0, 3)))
+    assert (cone.facets @ free[0]).max() > 0.001  # m/s aside
+    end, held = run(cone.facets)
+    assert (held @ cone.facets.T).max() < 2e-4
+    assert abs(end[0]) < 5e-4
 
 
 def test_small_deviations_decay_with_the_response_time() -> None:
