@@ -239,7 +239,7 @@ def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
     previous = rng.normal(size=setup.variables)
     wheels = rng.normal(size=4)
     values, lower, upper, _, expected = (
-        item.full().ravel() for item in program.linearise(q, reference.T, previous, wheels)
+        item.full().ravel() for item in program.linearise(q, reference.T, previous, wheels, [])
     )
     matrix = program.constraints.copy()
     matrix.data = values
