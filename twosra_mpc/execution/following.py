@@ -12,6 +12,7 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import (
     Activity,
     AstrayError,
+    Looking,
     Next,
     ObjectLostError,
     Trouble,
@@ -33,6 +34,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.limits import CLEARANCE
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.accuracy import SHAPE_SHARE
 from twosra_mpc.robot.modes import Mode, is_rigid, sequence_name
 
 _LESS_ROOM = 0.7  # of a clearance that no plan keeps
@@ -131,11 +133,23 @@ class Following(PlanPolicy):
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
             surely = belief.accuracy.surely(np.abs(belief.error) + 2 * belief.deviation)
-            return self._at_the_end() if surely else look_at_robot(belief, self._at_the_end)
+            longest_s = self.patience.long_look_s
+            look = Looking(belief, self._decided, longest_s, self._at_the_end)
+            return self._at_the_end() if surely else look
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self.driving = Driving(self, index)
         return self.driving
+
+    def _decided(self) -> bool:
+        """True if it is certain where the robot is, and whether its shape is near enough."""
+        belief, accuracy, patience = self.belief, self.belief.accuracy, self.patience
+        scale = accuracy.scale(self.problem.robot.coordinates)
+        short = abs(SHAPE_SHARE - accuracy.of_shape(belief.error))
+        clear = short >= 2 * accuracy.of_shape(belief.deviation)
+        return belief.certain(patience.certain * scale) and (
+            clear or belief.certain(patience.certain_of_a_melt * scale)
+        )
 
     def _at_the_end(self) -> Next:
         """Judge where the robot has come to at the end of a plan."""
