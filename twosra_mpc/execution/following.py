@@ -133,9 +133,8 @@ class Following(PlanPolicy):
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
             surely = belief.accuracy.surely(np.abs(belief.error) + 2 * belief.deviation)
-            longest_s = self.patience.long_look_s
-            look = Looking(belief, self._decided, longest_s, self._at_the_end)
-            return self._at_the_end() if surely else look
+            at_most_s, then = self.patience.long_look_s, self._at_the_end
+            return then() if surely else Looking(belief, self._decided, at_most_s, then)
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self.driving = Driving(self, index)
@@ -144,12 +143,10 @@ class Following(PlanPolicy):
     def _decided(self) -> bool:
         """True if it is certain where the robot is, and whether its shape is near enough."""
         belief, accuracy, patience = self.belief, self.belief.accuracy, self.patience
-        scale = accuracy.scale(self.problem.robot.coordinates)
         short = abs(SHAPE_SHARE - accuracy.of_shape(belief.error))
         clear = short >= 2 * accuracy.of_shape(belief.deviation)
-        return belief.certain(patience.certain * scale) and (
-            clear or belief.certain(patience.certain_of_a_melt * scale)
-        )
+        share = patience.certain if clear else patience.certain_of_a_melt
+        return belief.certain(share * accuracy.scale(self.problem.robot.coordinates))
 
     def _at_the_end(self) -> Next:
         """Judge where the robot has come to at the end of a plan."""
