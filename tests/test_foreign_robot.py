@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 from once import planned
 
-from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
+from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled, wheels_at
 from benchmarks.studies.faults import attacked
 from twosra_mpc import Problem, Status, plan
 from twosra_mpc.execution import Executor, ExecutorSettings, Reading, RobotError
@@ -25,6 +25,7 @@ from twosra_mpc.execution.doubt import DRIVE_M, Doubt, DoubtError
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.rolling import held
 from twosra_mpc.plans.result import Result
 from twosra_mpc.robot.description import load_robot
 
@@ -281,14 +282,14 @@ def test_a_picture_that_stays_although_the_robot_was_driven_is_no_news() -> None
 LENGTHS_M = (0.04, 0.04)
 
 
-def moved(share: float, bends: bool, slides_m: float = 0.0) -> None:
+def moved(share: float, bends: bool, slides_m: float = 0.0, holds: float = 1.0) -> None:
     """Drive for long, of which a share is seen to happen."""
     doubt, period = Doubt(LENGTHS_M), np.array([1e-3, 0.0, 0.0, 0.0, 0.0])
     if bends:
         period = np.array([0.0, 0.0, 0.0, 0.2, 0.0])
     for k in range(200):
         seen = share * period + [slides_m, 0.0, 0.0, 0.0, 0.0]
-        if doubt.take(k / 15, (1, 0) if bends else (0, 0), period, seen):
+        if doubt.take(k / 15, (1, 0) if bends else (0, 0), period, seen, held=holds):
             doubt.look(0 * seen)
             doubt.judge(k / 15, "segment 1 soft at 66.0 C")
 
@@ -324,6 +325,47 @@ def test_one_of_two_soft_segments_that_alone_is_stiff_is_found_before_it_is_push
                 found = error.segments
                 break
     assert (found, looks) == (stiff, 1)
+
+
+def test_a_bend_that_wheels_do_not_hold_is_no_evidence_against_a_sensor() -> None:
+    """The hold is compared with how little a motion turns wheels, by their places."""
+    robot, soft = load_robot(ARC), (0, 1)
+    for kappa, singular in (((28.0, -16.17), True), ((28.0, 10.0), False)):
+        q = np.array([0.0, 0.0, 0.3, *kappa])
+        rows = np.array([wheels_turned(q, each) for each in np.eye(5)[[0, 1, 2, 4]]])
+        least = np.linalg.svd(rows / np.linalg.norm(rows, axis=1)[:, None])[1][-1]
+        holds = held(robot.body, soft, q)
+        assert holds == pytest.approx(least**2 / (least**2 + 0.03**2), rel=0.05, abs=1e-3)
+        assert (holds < 0.01) == singular
+        with pytest.raises(DoubtError) as caught:
+            moved(0.0, bends=True, slides_m=1e-3, holds=holds)
+        assert caught.value.stalled == singular
+        assert caught.value.bends != singular
+        assert caught.value.segments == (() if singular else (0,))
+
+
+def wheels_turned(q: Array, change: Array) -> Array:
+    """How wheels roll as q changes, by their places."""
+    step = 1e-6
+    directions, places = wheels_at(load_robot(ARC), np.vstack([q, q + step * change]))
+    rolled: Array = ((places[1] - places[0]) * directions[0]).sum(axis=1) / step
+    return rolled
+
+
+def test_the_belief_follows_bends_that_rigid_drives_flex() -> None:
+    """Solid metal flexes by 0.6 1/m in a drive of four seconds; the belief covers it afterwards."""
+    rng, missed = np.random.default_rng(0), []
+    for _ in range(20):
+        belief, period = CameraFilter(CAMERA, Q, 0.0), np.array([1e-3, 0.0, 0.0, 0.0, 0.0])
+        there = Q.copy()
+        for k in range(60):
+            there = there + period + [0.0, 0.0, 0.0, 0.01, 0.01]
+            belief.predict((k + 1) / 15, period, LENGTHS_M)
+            noise = CAMERA.noise * rng.normal(size=3)
+            frame = there + noise[[0, 0, 1, 2, 2]]
+            belief.correct(np.array([(k + 1) / 15]), frame[None])
+        missed.append((belief.q - there)[3:] / belief.deviation[3:])
+    assert np.sqrt(np.mean(np.square(missed))) < 1.6
 
 
 SHORT_PER_M, LONG_PER_M = 0.43, 0.2  # noise of a look at `hard`: between two averages of 45, 180

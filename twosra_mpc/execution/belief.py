@@ -23,7 +23,7 @@ from twosra_mpc.execution.robot_interface import Camera, Command, Motors, Readin
 from twosra_mpc.execution.run import Change, Drive, Ending, EventKind, RunEvent
 from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
-from twosra_mpc.model.rolling import NO_DRIFT, rolling
+from twosra_mpc.model.rolling import NO_DRIFT, held, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import segment_model
@@ -407,7 +407,8 @@ class Belief:
         seen = self.q - (seen_at if told_in == mode else before)
         self._compared = mode, self.q.copy()
         moved = after - before
-        self.doubtful = self.doubt.take(self.now_s, mode, moved, seen, _SURELY * self.deviation)
+        off, holds = _SURELY * self.deviation, held(self.problem.robot.body, mode, before)
+        self.doubtful = self.doubt.take(self.now_s, mode, moved, seen, off, holds)
 
     def seen_at_rest(self) -> Array:
         """Change of q since the robot was compared last with what it was told, (3 + n,)."""

@@ -33,6 +33,7 @@ from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 RESPONSE_DOUBT = 0.5  # standard deviation of a mode's response about 1 before it has moved
 RESPONSE_WALK = 0.05  # its change from one period of motion to the next
 DRIFT = 0.15  # of the travel: of the pose, besides its response
+FLEX_PER_M = 0.2  # of curvatures in rigid drives: 0.1 at the median, 0.9 once in 16 in MuJoCo
 ARM_M = 0.1  # at which turning and bending count as travel
 SETTLING_S = 0.35  # in which motors settle, by the follow-up robot's log; the model has no lag
 CREEP = 0.01  # of a frame's standard deviation, per square root of a second
@@ -95,6 +96,8 @@ class CameraFilter:
             drift = DRIFT * self._coordinates.each(travel, travel / ARM_M, 0.0)
             self.q = self.q + self._response * moved
             self.variance += moved * (2 * self._shared + moved * self._doubt) + drift**2
+            flex = 0.0 if bent else FLEX_PER_M
+            self.variance[POSE:] = np.maximum(self.variance[POSE:], flex**2)
             self._shared = self._shared + moved * self._doubt
             self._doubt = self._doubt + RESPONSE_WALK**2
             self._moved = self._moved + moved

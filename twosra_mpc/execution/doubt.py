@@ -43,8 +43,7 @@ class DoubtError(TwosraError):
         text: What is commanded, and what is seen.
         bends: Whether it moves, and does not bend.
         final: Whether it has moved so too far to be tried again.
-        stalled: Whether it has bent before in this mode: its shape may be one that wheels cannot
-            bend.
+        stalled: Whether that may be its shape: wheels hardly hold it, or it has bent before.
         segments: Those (from 0) that do not bend.
     """
 
@@ -59,12 +58,12 @@ class Doubt:
     """Accounts of rigid drives, and of a soft mode since its segments were last seen to bend.
 
     Attributes:
-        pushed_m: Way of b0 with metal that did not bend, in all.
+        pushed_m: Way of b0 with metal of each segment that has not bent since, (n,).
     """
 
     def __init__(self, lengths_m: tuple[float, ...]) -> None:
         """Nothing has been commanded yet to a robot with segments of these lengths."""
-        self._lengths_m, self.pushed_m = np.array(lengths_m), 0.0
+        self._lengths_m, self.pushed_m = np.array(lengths_m), np.zeros(len(lengths_m))
         self._mode: Mode = (0,) * len(lengths_m)
         self._size = POSE + len(lengths_m)
         self._drive, self._bends = _Account(self._size), _Account(self._size)
@@ -77,7 +76,13 @@ class Doubt:
         return self._together and self._proved_s > -math.inf
 
     def take(
-        self, now_s: float, mode: Mode, commanded: Array, seen: Array, off: Array | float = np.inf
+        self,
+        now_s: float,
+        mode: Mode,
+        commanded: Array,
+        seen: Array,
+        off: Array | float = np.inf,
+        held: float = 1.0,
     ) -> bool:
         """Take in a period of driving.
 
@@ -87,6 +92,7 @@ class Doubt:
             commanded: How q should have changed, (3 + n,).
             seen: How it did, as believed, (3 + n,).
             off: By how much what is seen may be off, (3 + n,).
+            held: Share of its motions that wheels hold in this shape.
 
         Returns:
             Whether it must stand and be looked at: see ``judge``.
@@ -108,7 +114,7 @@ class Doubt:
             return False
         if now_s < self._proved_s + PROOF_S:
             return False
-        self._bends.add(commanded, seen)
+        self._bends.add(commanded, seen, held)
         found, off = self._bends.found, np.broadcast_to(off, self._size)
         self._together |= found >= TOGETHER_PER_M and not self._bends.below(2 * STIFF, off)
         if self._together and self._bends.found >= MOVING_PER_M:
@@ -131,7 +137,7 @@ class Doubt:
     def _prove(self, now_s: float) -> None:
         """Begin anew: what is soft was seen to bend."""
         self._bends, self._bent = _Account(self._size, self._bends.soft), True
-        self._proved_s = now_s
+        self._proved_s, self.pushed_m[list(self._bends.soft)] = now_s, 0.0
 
     def look_again(self, seen: Array) -> None:
         """Take in a longer look: how q has changed since the first, (3 + n,)."""
@@ -147,7 +153,7 @@ class Doubt:
         Raises:
             DoubtError: If next to nothing is seen of what is commanded, or of one segment's part.
         """
-        account, stalled = self._bends, self._bent
+        account, bent = self._bends, self._bent
         if not (stiff := self._suspects(account.least, STIFF)):
             self._together = self._together or account.found >= EACH_PER_M
             if self._together and account.proved:
@@ -159,15 +165,21 @@ class Doubt:
         if still and stiff == account.soft:
             raise DoubtError(_still(would_m, account.moved_m), bends=False)
         part_m = SPENT_M if len(stiff) < len(account.soft) else np.inf  # the rest has bent
-        self.pushed_m += 0.0 if stalled else min(account.pushed_m, part_m)
+        self.pushed_m[list(stiff)] += 0.0 if bent else min(account.pushed_m, part_m)
+        lost = account.sure < BENDS_PER_M  # liquid metal need not have bent
         names = " and ".join(f"segment {segment + 1}" for segment in stiff)
         does = "does" if len(stiff) == 1 else "do"
         words = f"{names} {does} not bend: {account.told:z.0f} 1/m are commanded"
         found = abs(float(account.seen[[POSE + segment for segment in stiff]].mean()))
         why = f"{found:z.1f} 1/m are seen on {1e3 * account.pushed_m:z.0f} mm"
-        text = f"{words}, {why}; {known}: is its thermistor right?"
-        final = self.pushed_m > SPENT_M
-        raise DoubtError(text, bends=True, final=final, stalled=stalled, segments=stiff)
+        doubt = f"wheels hold {account.sure:z.1f} 1/m of it" if lost else "is its thermistor right?"
+        raise DoubtError(
+            f"{words}, {why}; {known}: {doubt}",
+            bends=not lost,
+            final=bool((self.pushed_m > SPENT_M).any()),
+            stalled=bent or lost,
+            segments=() if lost else stiff,
+        )
 
     def _suspects(self, least_per_m: float, share: float) -> tuple[int, ...]:
         """Segments (from 0) that seem not to bend.
@@ -187,19 +199,25 @@ class _Account:
 
     def __init__(self, size: int, soft: tuple[int, ...] = ()) -> None:
         self.soft, self._curvatures = soft, [POSE + segment for segment in soft]
-        self._commanded = self.seen = np.zeros(size)
+        self._commanded = self._held = self.seen = np.zeros(size)
         self.looks = 0
 
-    def add(self, commanded: Array, seen: Array) -> None:
+    def add(self, commanded: Array, seen: Array, held: float = 1.0) -> None:
         """Add a period."""
         seen = seen.copy()
         seen[2] = math.remainder(seen[2], math.tau)
         self._commanded, self.seen = self._commanded + commanded, self.seen + seen
+        self._held = self._held + held * commanded
 
     @property
     def told(self) -> float:
         """Motion commanded: the mean bend of the soft segments [1/m], or the way [m]."""
         return self._amount(self._commanded)
+
+    @property
+    def sure(self) -> float:
+        """Motion commanded in shapes in which wheels hold it."""
+        return self._amount(self._held)
 
     @property
     def found(self) -> float:

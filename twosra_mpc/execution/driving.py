@@ -18,6 +18,7 @@ from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
 from twosra_mpc.model.bending import bending
+from twosra_mpc.model.rolling import held
 from twosra_mpc.robot.accuracy import ACCEPTED, POSE_SHARE
 from twosra_mpc.robot.coordinates import POSE, Array, rotation
 from twosra_mpc.robot.description import Robot
@@ -34,6 +35,7 @@ _FELT_S = 4.0  # in which a robot that closes round an object bends no nearer: i
 _TIGHTER_PER_M = 2.0  # than planned: accuracy leaves bends 1 1/m looser, and 0.5 mm of gap is 0.5
 _SLIPS_S, _SLIPS_PER_M2_S = 0.2, 150.0  # ahead its speed is looked at; as much, per (m/s)^2 and s
 _MINUTES = 1.5  # times two deviations: one of 700 bends, each of 300 s, is worth half a second
+_HELD = 0.1  # share of its motions that wheels hold, below which a shape drives a robot astray
 _ROUNDING = 1e-9  # [1/m^2]
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
@@ -319,6 +321,8 @@ class Driving:
         if self.rigid and belief.guard is not None:
             lost = belief.guard.off_m(away) > patience.narrow_m
         if lost:
+            if held(belief.problem.robot.body, self.phase.mode, belief.q) < _HELD:
+                self.run.stalled.add(self.phase.mode)
             there = f"{1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad"
             raise AstrayError(f"the robot is {there} from the plan")
         if not soft or self.closes:  # what it closes round may bend them apart

@@ -12,6 +12,7 @@ from twosra_mpc.execution.belief import Belief
 from twosra_mpc.execution.controller import (
     Activity,
     AstrayError,
+    Looking,
     Next,
     ObjectLostError,
     Trouble,
@@ -33,7 +34,8 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.limits import CLEARANCE
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.robot.accuracy import SHAPE_SHARE
+from twosra_mpc.robot.modes import Mode, is_rigid, sequence_name
 
 _LESS_ROOM = 0.7  # of a clearance that no plan keeps
 _ON_S = 0.25  # of the plan, after which a robot that was stopped and is not too near may go on
@@ -55,7 +57,7 @@ class Following(PlanPolicy):
         during: What the run is at, in words.
         broken: Segments (from 0) that cannot be melted any more.
         missed: Modes whose bends have missed.
-        stalled: Modes in which wheels could bend no further.
+        stalled: Modes in which wheels could bend no further in this shape.
         clearance_m: What plans of the rest are to keep.
     """
 
@@ -120,8 +122,10 @@ class Following(PlanPolicy):
 
     def phase_done(self, index: int) -> Next:
         """Go on to the next phase, once tasks are done that are due."""
-        self.driving = None
-        self.course.end(self.course.plan.phases[index])
+        self.driving, phase = None, self.course.plan.phases[index]
+        self.course.end(phase)
+        if not is_rigid(phase.mode):
+            self.stalled.clear()
         return _DueTasks(self, index + 1, begins=False)
 
     def drive(self, index: int) -> Next:
@@ -129,11 +133,20 @@ class Following(PlanPolicy):
         course, belief = self.course, self.belief
         if index == len(course.plan.phases):
             surely = belief.accuracy.surely(np.abs(belief.error) + 2 * belief.deviation)
-            return self._at_the_end() if surely else look_at_robot(belief, self._at_the_end)
+            at_most_s, then = self.patience.long_look_s, self._at_the_end
+            return then() if surely else Looking(belief, self._decided, at_most_s, then)
         self.during = f"in {course.name(index)}"
         belief.tell("drive", f"{course.name(index)} begins")
         self.driving = Driving(self, index)
         return self.driving
+
+    def _decided(self) -> bool:
+        """True if it is certain where the robot is, and whether its shape is near enough."""
+        belief, accuracy, patience = self.belief, self.belief.accuracy, self.patience
+        short = abs(SHAPE_SHARE - accuracy.of_shape(belief.error))
+        clear = short >= 2 * accuracy.of_shape(belief.deviation)
+        share = patience.certain if clear else patience.certain_of_a_melt
+        return belief.certain(share * accuracy.scale(self.problem.robot.coordinates))
 
     def _at_the_end(self) -> Next:
         """Judge where the robot has come to at the end of a plan."""
@@ -171,7 +184,7 @@ class Following(PlanPolicy):
         if isinstance(trouble, DoubtError):
             if driving is not None and not driving.rigid and self.mission.closes:
                 return driving.ended()  # what it closes round may keep it from bending
-            if trouble.stalled:
+            if trouble.stalled and not trouble.final:
                 self.stalled |= set() if driving is None else {driving.phase.mode}
                 return self._astray(text, melting_on=trouble.bends)
             return self._doubts(trouble)

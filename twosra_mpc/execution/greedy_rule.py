@@ -125,7 +125,7 @@ class Greedy:
             return self._lost(trouble.segment)
         if not isinstance(trouble, DoubtError):
             return self.verdict(Ending.TOO_NEAR, f"{trouble}; {belief.where}")
-        if trouble.stalled:
+        if trouble.stalled and not trouble.final:
             self._stalled = belief.drives[-1].mode
             belief.tell("look", str(trouble))
             return Standing(self, 0.0)

@@ -143,7 +143,7 @@ def what_is_left(run: Following) -> Problem | None:
     """What is left of a run's problem, from where it is; None while metal is in no known state.
 
     Once a joint bend has missed, others are taken to miss wherever they may by the robot's file;
-    and modes of several segments whose bends have missed often, or have stalled, are avoided.
+    and modes of several segments whose bends have missed often are avoided, and those that stall.
 
     Raises:
         InputError: If no mode is left.
@@ -156,8 +156,7 @@ def what_is_left(run: Following) -> Problem | None:
     if missed and known:
         problem = problem.with_values(risk=_SURELY)
     most = _MISSES_COUNTED if known else _MISSES
-    avoided = {mode for mode in missed if missed.count(mode) > most}
-    avoided |= {mode for mode in run.stalled if sum(mode) > 1}
+    avoided = run.stalled | {mode for mode in missed if missed.count(mode) > most}
     left = remaining_problem(problem, q, metal, run.broken, len(run.missed), avoided)
     if run.clearance_m <= left.clearance_m:
         return left

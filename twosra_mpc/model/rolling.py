@@ -61,6 +61,13 @@ def rolling(body: Body, mode: Mode) -> ca.Function:
     return ca.Function("rolling", [q, turned, drift], [ca.densify(after)])
 
 
+def held(body: Body, mode: Mode, q: Array) -> float:
+    """Share of its motions that wheels hold in a shape: 0 where one of them turns no wheel."""
+    turns = driven(body, mode)(q)[1].full()
+    least = np.linalg.svd(turns / np.linalg.norm(turns, axis=0), compute_uv=False)[-1]
+    return float(least**2 / (least**2 + _DAMPING**2))
+
+
 def rolled(body: Body, mode: Mode, start: Array, turned: Array) -> Array:
     """Configurations (m + 1, 3 + n) from ``start`` on, as the wheels turn by ``turned`` (m, 4)."""
     chain = rolling(body, mode).mapaccum(len(turned))
