@@ -38,6 +38,12 @@ class PoseTask:
         ramp_s: In which a locomotion unit gets from rest to full speed at least [s].
         soft_motions: (mode, least W (n, m), largest W (n, m)) -> lower and upper bounds, each
             (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, in these boxes.
+        changes: (mode, middles (n, m) and half-widths (n,) of boxes of curvatures [1/m]) -> dW/dt by
+            LU1 and LU2 at full speed, and twist and change of all curvatures per dW, in the
+            middles, (2, 4 + n, m); and bounds of their slopes in the boxes, (2, n, 2, 4 + n, m).
+        bend_rates_per_m_s: Largest rate of each curvature, (n,).
+        overlaps: (middles (m, n), half-widths (n,) of boxes of curvatures) -> whether parts overlap
+            in all of a box, (m,).
     """
 
     heading: float
@@ -49,6 +55,9 @@ class PoseTask:
     speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
     ramp_s: float
     soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
+    changes: Callable[[Mode, Array, Array], tuple[Array, Array]]
+    bend_rates_per_m_s: Array
+    overlaps: Callable[[Array, Array], NDArray[np.bool_]]
 
     @property
     def sides(self) -> tuple[tuple[float, float], ...]:
