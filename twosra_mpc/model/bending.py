@@ -385,15 +385,15 @@ def _twists(body: Body, mode: Mode) -> ca.Function:
 
 @per_body(8)
 def _changes(body: Body, mode: Mode) -> tuple[ca.Function, ca.Function]:
-    """Kappa (n,) -> dW/ds of LU1, changes (u, v, r, kappa) per dW; those of LU2: and their slopes."""
+    """Kappa (n,) -> dW/ds and (u, v, r, kappa) per dW by LU1, by LU2; and their slopes."""
     lengths = ca.DM(body.geometry.lengths_m)
     kappa, told = ca.SX.sym("kappa", body.geometry.segments), list[ca.SX]()
     for bend in path_model(body).bends(kappa * lengths, mode):
         bent = ca.vertcat(*bend.bending) / lengths
         told += [bend.pace, *(each / bend.pace for each in (*bend.twist, *ca.vertsplit(bent)))]
-    stacked = ca.vertcat(*told)
-    steep = ca.vec(ca.jacobian(stacked, kappa))
-    return tuple(ca.Function("changes", [kappa], [ca.densify(each)]) for each in (stacked, steep))
+    stacked = ca.densify(ca.vertcat(*told))
+    steep = ca.densify(ca.vec(ca.jacobian(stacked, kappa)))
+    return ca.Function("changes", [kappa], [stacked]), ca.Function("slopes", [kappa], [steep])
 
 
 @per_body()

@@ -1,11 +1,11 @@
 r"""Least time that plans move, of any sequence of some modes.
 
 Let S = p . (x, y) + V(phi, kappa), with V a trigonometric polynomial of degree K in the heading and
-a polynomial in both curvatures. If S grows by at most 1 per second in each of the modes and in every
-shape whose parts do not overlap, then every plan with these modes moves for at least what S gains
-from start to goal: S is a subsolution of the Hamilton-Jacobi equation. And nothing moves while metal
-melts or freezes: both add up, for sequences whose bends are a choice too, and for all that begin
-alike.
+a polynomial in both curvatures. If S grows by at most 1 per second in each of the modes and in
+every shape whose parts do not overlap, then every plan with these modes moves for at least what S
+gains from start to goal: S is a subsolution of the Hamilton-Jacobi equation. And nothing moves
+while metal melts or freezes: both add up, for sequences whose bends are a choice too, and for all
+that begin alike.
 
 Growth is linear in the speeds of the units, and of a rigid drive in its twist: it is largest at
 the corners of what the limits allow. At a shape it is a trigonometric polynomial T of degree K in
@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.bends import BendingTask
 from twosra_mpc.planning.bounds.linear_program import minimise
 from twosra_mpc.planning.bounds.pose_phases import PoseTask
@@ -52,12 +53,13 @@ _MANY, _IDLE = 1500, 0.7  # rows of which some are left out, and growth of those
 _CLOSE, _HALVINGS, _MOST = 1.04, 5, 3000  # growth that is left, halvings, boxes to be halved
 _FINE = 0.05  # rad, and of the largest curvature: boxes of the goal
 _FIXED = 5  # unknowns before the coefficients of V
+_STILL = 1e-300  # 1/m/s: added to rates that may be 0
 _EXACT = 1e-9  # relative allowance for rounding, of motions
 _ROUNDING = 1e-6  # of the bound
 
+_TURN: Array = math.tau / _HEADINGS * np.arange(_HEADINGS, dtype=np.float64)
 _WAVES = 2 * _TURNS + 1  # 1, cosines, sines
 _POWERS = np.array([(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]).T
-_AXIS = [*range(_TURNS + 1), *range(1, _TURNS + 1)]  # wave numbers
 
 
 class _Shapes(NamedTuple):
@@ -168,20 +170,18 @@ class _Program:
         middle, ends = self.pose.changes(mode, *around)
         off = np.tensordot(around[1], np.abs(ends).max(axis=0), 1) + _EXACT * np.abs(middle)
         steep, wide = (ends[1] + ends[0])[:, :, 0] / 2, (ends[1] - ends[0])[:, :, 0] / 2
-        spread = np.tensordot(around[1], wide, 1) + _EXACT * np.abs(middle[:, 0])
+        spread: Array = np.tensordot(around[1], wide, 1) + _EXACT * np.abs(middle[:, 0])
         least, highest = (
-            np.maximum(side[:, :1] * side[:, 4 + soft], 1e-300)
+            np.maximum(side[:, :1], 0.0) * np.maximum(side[:, 4 + soft], 0.0) + _STILL
             for side in (middle - off, middle + off)
         )
         quickest, full = self.pose.bend_rates_per_m_s[soft, None], np.ones(count)
-        first, last = (  # the most of one unit where the other does its most
-            np.clip(np.maximum(left / slow, left / fast).min(axis=0), -1.0, 1.0)
-            for left, slow, fast in zip(quickest - least[::-1], least, highest, strict=True)
-        )
-        shares = np.array([[first, full], [full, last], [full, -full]])
+        left = quickest - least[::-1]  # what the other one's most leaves to each
+        one, other = np.clip(np.maximum(left / least, left / highest).min(axis=1), -1.0, 1.0)
+        shares = np.array([[one, full], [full, other], [full, -full]])
         for each in (middle, off):
             each[:, 4:] /= most[:, None]
-        tilt = np.broadcast_to(steep * most[:, None, None], (_TWO, 2, count))
+        tilt: Array = np.broadcast_to(steep * most[:, None, None], (_TWO, 2, count))
         spread = np.broadcast_to(spread, (2, count))
         return _Moves(middle[:, 1:], off[:, 1:], middle[:, 0], tilt, spread, shares)
 
@@ -206,6 +206,7 @@ class _Program:
     def growth(self, x: Array, mode: Mode, shapes: _Shapes) -> Array:
         """Proved growth of S in boxes of shapes, at every heading, (m,)."""
         units, off, paces, tilt, spread, shares = self._moves(mode, shapes)
+        charge(Cost.ENCLOSURE, shares.shape[0] * shares.shape[2])
         reach, higher = (_reach(shapes.half, _DEGREE + more) for more in (0, 1))
         slopes = self._slopes(x, shapes.middles)
         sizes = np.einsum("ab,iabm->im", reach, _amplitude(slopes))
@@ -220,11 +221,10 @@ class _Program:
         whole[:, :-1, :-1] = paces[:, None, None, :, None] * grows
         whole[:, 1:, :-1] += tilt[0][:, None, None, :, None] * grows
         whole[:, :-1, 1:] += tilt[1][:, None, None, :, None] * grows
-        headings = math.tau / _HEADINGS * np.arange(_HEADINGS)
         most = np.zeros(len(shapes.middles))
         for share in shares:
             each = np.einsum("wm,wabmf->abmf", share, whole)
-            here = np.abs(each[0, 0] @ _waves(headings)).max(axis=1)
+            here = np.abs(each[0, 0] @ _waves(_TURN)).max(axis=1)
             each[0, 0] = 0.0
             bound = here / math.cos(math.pi * _TURNS / _HEADINGS)
             bound += np.tensordot(higher, _amplitude(each)) + (np.abs(share) * more).sum(axis=0)
@@ -284,7 +284,7 @@ class _Program:
 
     def _solved(self) -> Array | None:
         """The S that gains most where it is sampled; None if the solver gives up."""
-        headings = math.tau / _HEADINGS * np.arange(0, _HEADINGS, _SAMPLED)
+        headings = _TURN[::_SAMPLED]
         points = self._grid(_POINTS, 0.0)._replace(half=np.zeros(_TWO))
         each = [self._moves(mode, points) for mode in self.modes]
         moves = np.concatenate(
@@ -319,7 +319,7 @@ class _Program:
         return inside if found else None
 
     def _best(self, rows: Array, at_goal: Array) -> Array | None:
-        """The x that gains most and grows by at most 1 in these rows; None if the solver gives up."""
+        """The x that gains most and grows by at most 1 in these rows; None if none is found."""
         limits = np.append(np.ones(len(rows)), np.zeros(len(at_goal)))
         most = np.where(np.tile(np.isfinite(self.pose.reach), 2), np.inf, 0.0)
         bounds = [*((0.0, float(end)) for end in most), (None, None), (0.0, 0.0)]
@@ -350,7 +350,7 @@ class _Program:
             each = self.growth(x, mode, shapes)
             halve = each > _CLOSE
             if halving == _HALVINGS or halve.sum() > _MOST:
-                halve = halve & False
+                halve[:] = False
             largest = max(largest, float(each[~halve].max(initial=0.0)))
             shapes = self._allowed(shapes._replace(middles=shapes.middles[halve]).halved())
         return largest

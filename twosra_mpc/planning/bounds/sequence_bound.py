@@ -158,7 +158,7 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     least = timed.least | whole
     for side in task.pose.sides:
         program = PoseProgram(task.pose, phases, network.layout, least, cost, side)
-        enough = min(enough, program.best(bound_with, enough)[0])
+        enough = min(enough, program.best(bound_with, enough))
     return enough
 
 
