@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import itertools
 import os
 import signal
 import time
@@ -11,6 +12,7 @@ from collections.abc import Mapping
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from problems import random_problem
@@ -27,6 +29,7 @@ from benchmarks.studies.peers.integral_approximation import IntegralApproximatio
 from benchmarks.studies.peers.minlp import TimeGridMinlp
 from benchmarks.studies.peers.motions import Answer, Solve, judged
 from benchmarks.studies.peers.rounding import rounded
+from benchmarks.studies.peers.spatial import ScipModel, SpatialMinlp, evaluated
 from benchmarks.studies.peers.time_grid import as_motion, waits
 from benchmarks.study import Measured
 from twosra_mpc import InputError, Problem, load_problem
@@ -39,6 +42,7 @@ TINY = Peers(
     minlp=TimeGridMinlp(stages=3, time_limit_s=5.0, longest_stage_s=2.0),
     integral_approximation=IntegralApproximation(stages=6, max_switches=1, dwell_stages=1),
     enumeration=Enumeration(max_phases=2),
+    spatial=(),
 )
 EASY = "paper-4"  # one segment must bend: two phases do
 QUIET = Console(file=io.StringIO())
@@ -286,3 +290,28 @@ def test_admissible_sequences_are_all_there_is_up_to_resting_rigid_phases() -> N
         if a != b != c and any(m[0] for m in (a, b, c)) and any(m[1] for m in (a, b, c))
     )
     assert plan(problem).require().phases[0].mode == RIGID
+
+
+def test_scip_proves_the_least_value_of_a_casadi_function() -> None:
+    """Sine, cosine, quotient, square, modulus and maximum, against all points of a fine grid."""
+    x = ca.SX.sym("x", 2)
+    value = ca.sin(3 * x[0]) * ca.cos(x[1]) + ca.fabs(x[0] - x[1]) / (2 + x[0] ** 2)
+    value += ca.fmax(x[0] - 1, -x[1]) + 3
+    function, model = ca.Function("f", [x], [value]), ScipModel()
+    variables = [model.variable(-2.0, 2.0) for _ in range(2)]
+    ((cost,),) = evaluated(function, [variables], model)
+    _, bound, at = model.solve(cost, 20.0)
+    grid = np.array(list(itertools.product(np.linspace(-2, 2, 81), repeat=2))).T
+    least = float(function.map(grid.shape[1])(grid).full().min())
+    assert at is not None
+    incumbent = float(function([at(variable) for variable in variables]))
+    assert bound <= incumbent + 1e-6
+    assert bound == pytest.approx(incumbent, rel=1e-4)
+    assert least - 0.02 <= incumbent <= least + 1e-6
+
+
+def test_what_scip_proves_of_the_time_grid_is_below_what_bonmin_finds(easy: Problem) -> None:
+    answer = SpatialMinlp(solver="SCIP", stages=1, time_limit_s=0.5).prepared(easy)()
+    assert "SCIP: timelimit" in answer.status
+    assert answer.bound is not None
+    assert answer.bound <= plan(easy).require().cost.total

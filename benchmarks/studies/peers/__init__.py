@@ -1,4 +1,4 @@
-"""Peer planners: three textbook ways to solve the same problems, judged like our own plans."""
+"""Peer planners: textbook ways to solve the same problems, judged like our own plans."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from benchmarks.studies.peers.enumeration import Enumeration
 from benchmarks.studies.peers.integral_approximation import IntegralApproximation
 from benchmarks.studies.peers.minlp import TimeGridMinlp
 from benchmarks.studies.peers.motions import Answer, Solve, judged
+from benchmarks.studies.peers.spatial import SpatialMinlp
 from benchmarks.study import Measured, PlanStudy
 from twosra_mpc import Plan, Problem
 
@@ -49,6 +50,7 @@ class Peers(PlanStudy):
         minlp: Peer 1.
         integral_approximation: Peer 2.
         enumeration: Peer 3.
+        spatial: Peers 4 and 5; ``pip install discopt`` is of no use else.
     """
 
     record: ClassVar = TypeAdapter(PlanRecord)
@@ -59,6 +61,10 @@ class Peers(PlanStudy):
     minlp: TimeGridMinlp = TimeGridMinlp()
     integral_approximation: IntegralApproximation = IntegralApproximation()
     enumeration: Enumeration = Enumeration()
+    spatial: tuple[SpatialMinlp, ...] = (
+        SpatialMinlp(solver="SCIP"),
+        SpatialMinlp(solver="discopt"),
+    )
 
     def peers(self) -> Mapping[str, Peer]:
         """The peers by name."""
@@ -66,6 +72,7 @@ class Peers(PlanStudy):
             "time-grid MINLP": self.minlp,
             "integral approximation": self.integral_approximation,
             "enumeration": self.enumeration,
+            **{peer.solver: peer for peer in self.spatial},
         }
 
     def cases(self) -> Iterator[Case]:
@@ -110,6 +117,7 @@ def _beside(case: Case, made: PlanRecord, ours: PlanRecord) -> dict[str, Any]:
         **{"problem": case.problem, "peer": case.planner, "record": made, "ours": ours},
         **{"name": f"{case.problem} ({case.planner})", "above": above},
         "crashed": crashed,
+        "proved": made.lower_bound / ours.cost if made.lower_bound and ours.cost else None,
         "wall_s": None if crashed else wall_s,
         "cpu_s": None if crashed else cpu_s,
         "wall_ratio": None if crashed else wall_s / ours.timing.median_s,
@@ -151,7 +159,7 @@ def attempt(problem: Problem, peer: Peer) -> PlanRecord:
         solve = peer.prepared(problem)
         wall, cpu = time.perf_counter(), time.process_time()
         answer = solve()
-    except (RuntimeError, ArithmeticError, ValueError) as error:
+    except (RuntimeError, ArithmeticError, ValueError, ImportError) as error:
         *_, words = str(error).strip().splitlines() or [type(error).__name__]
         answer = Answer(f"{BROKE_DOWN}{words}", None)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
@@ -170,5 +178,6 @@ def _record(answer: Answer, plan: Plan | None, wall_s: float, cpu_s: float) -> P
         success=answer.motion is not None,
         stopped_early=False,
         timing=Timing(wall_s, (wall_s,), (cpu_s,)),
+        lower_bound=answer.bound,
         **(facts(plan) if plan else {}),
     )

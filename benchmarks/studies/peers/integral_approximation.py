@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from benchmarks.studies.peers import motions, time_grid
 from benchmarks.studies.peers.motions import INTERVALS, Answer, Solve
 from benchmarks.studies.peers.rounding import rounded
-from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Program
+from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Formulation, Program
 from benchmarks.study import Count
 from twosra_mpc import Problem, Robot
 from twosra_mpc.model.flow import Motion
@@ -110,7 +110,7 @@ def _relaxation(problem: Problem, modes: tuple[Mode, ...], n: int) -> Program:
     cost = ca.sum2(ca.sum1(times)) + TIME_SCALE * ca.sum2(pauses)
     cost += _REGULARISATION * n * ca.sumsqr(inputs)
     variables = {"q": states, "s": inputs, "tau": times, "w": pauses}
-    return Program("ipopt", variables, cost, rows, least, _OPTIONS)
+    return Program("ipopt", Formulation(variables, cost, rows, least), _OPTIONS)
 
 
 def _motion_rows(

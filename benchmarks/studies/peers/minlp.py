@@ -27,7 +27,7 @@ import numpy as np
 
 from benchmarks.studies.peers import time_grid
 from benchmarks.studies.peers.motions import Answer, Solve
-from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Program
+from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Formulation, Program
 from benchmarks.study import Count
 from twosra_mpc import Problem
 from twosra_mpc.model.flow import interval_flow
@@ -68,8 +68,7 @@ class TimeGridMinlp(Value):
         program, n = self._program(problem), self.stages
         guess = {"s": 0.01, "sigma": 0.5, "h": min(0.2, self.longest_stage_s)}
         guess["t"] = np.linspace(0.0, 3.0, n + 1)[:, None]
-        lower = {"s": -_WIDEST, "sigma": 0.0, "h": 0.0, "t": 0.0}
-        upper = {"s": _WIDEST, "sigma": 1.0, "h": self.longest_stage_s, "t": _LATEST}
+        lower, upper = input_bounds(self.longest_stage_s)
 
         def solve() -> Answer:
             words, cost, x = program.solve(problem, lower, upper, guess)
@@ -85,30 +84,42 @@ class TimeGridMinlp(Value):
         return solve
 
     def _program(self, problem: Problem) -> Program:
-        n, of = self.stages, problem.robot.coordinates
-        states, inputs = ca.MX.sym("q", of.size, n + 1), ca.MX.sym("s", 5, n)
-        modes, lengths = ca.MX.sym("sigma", of.segments, n), ca.MX.sym("h", 1, n)
-        times, least = ca.MX.sym("t", 1, n + 1), ca.MX.sym("waits", of.segments, 5)
-        scale = ca.DM(state_scale(problem.robot))
-        q, s = scale * states[:, :-1], ca.DM(INPUT_SCALE) * inputs
-        rows = [
-            *time_grid.state_rows(
-                problem, states, interval_flow(problem.robot, 1).map(n)(q, s, modes)
-            ),
-            *time_grid.speed_rows(problem.robot, q, s, modes, lengths),
-            *_timing_rows(modes, lengths, times, least),
-        ]
-        cost = TIME_SCALE * times[-1] + _REGULARISATION * n * ca.sumsqr(inputs)
-        variables = {"q": states, "s": inputs, "sigma": modes, "h": lengths, "t": times}
+        form = formulation(problem, self.stages)
         options = {
             **_OPTIONS,
             "discrete": [
-                name == "sigma" for name, v in variables.items() for _ in range(v.numel())
+                name == "sigma" for name, v in form.variables.items() for _ in range(v.numel())
             ],
             "bonmin.time_limit": self.time_limit_s,
             "bonmin.allowable_fraction_gap": self.gap,
         }
-        return Program("bonmin", variables, cost, rows, least, options)
+        return Program("bonmin", form, options)
+
+
+def formulation(problem: Problem, stages: int) -> Formulation:
+    """The program in symbols."""
+    n, of = stages, problem.robot.coordinates
+    states, inputs = ca.MX.sym("q", of.size, n + 1), ca.MX.sym("s", 5, n)
+    modes, lengths = ca.MX.sym("sigma", of.segments, n), ca.MX.sym("h", 1, n)
+    times, least = ca.MX.sym("t", 1, n + 1), ca.MX.sym("waits", of.segments, 5)
+    scale = ca.DM(state_scale(problem.robot))
+    q, s = scale * states[:, :-1], ca.DM(INPUT_SCALE) * inputs
+    rows = [
+        *time_grid.state_rows(problem, states, interval_flow(problem.robot, 1).map(n)(q, s, modes)),
+        *time_grid.speed_rows(problem.robot, q, s, modes, lengths),
+        *_timing_rows(modes, lengths, times, least),
+    ]
+    cost = TIME_SCALE * times[-1] + _REGULARISATION * n * ca.sumsqr(inputs)
+    variables = {"q": states, "s": inputs, "sigma": modes, "h": lengths, "t": times}
+    return Formulation(variables, cost, rows, least)
+
+
+def input_bounds(longest_stage_s: float) -> tuple[dict[str, float], dict[str, float]]:
+    """Bounds of all variables but the states."""
+    return (
+        {"s": -_WIDEST, "sigma": 0.0, "h": 0.0, "t": 0.0},
+        {"s": _WIDEST, "sigma": 1.0, "h": longest_stage_s, "t": _LATEST},
+    )
 
 
 def _timing_rows(modes: ca.MX, lengths: ca.MX, times: ca.MX, least: ca.MX) -> list[Block]:

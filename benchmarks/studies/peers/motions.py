@@ -26,10 +26,17 @@ _FIRST_INPUT = 0.03  # scaled input displacement of every interval of a cold gue
 
 
 class Answer(NamedTuple):
-    """How a peer ended, in the words of its solvers, and what it found: None if nothing."""
+    """What a peer says.
+
+    Attributes:
+        status: How it ended, in the words of its solvers.
+        motion: What it found; None if nothing.
+        bound: What it has proved of all solutions of its own program [s]; None if nothing.
+    """
 
     status: str
     motion: Motion | None
+    bound: float | None = None
 
 
 Solve = Callable[[], Answer]  # a peer for one problem, its programs compiled

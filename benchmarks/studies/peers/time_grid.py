@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,29 +29,66 @@ STILL = 1e-7  # m or rad; a stage that moves less is left out of the sequence
 TIME_SCALE = 100.0  # s
 
 
-class Program:
-    """A compiled program whose variables have names; a variable is (rows, columns) of a grid."""
+class Formulation(NamedTuple):
+    """A program in symbols; its variables have names, each is (rows, columns) of a grid.
 
-    def __init__(
-        self,
-        solver: str,
-        variables: Mapping[str, ca.MX],
-        cost: ca.MX,
-        rows: Sequence[Block],
-        parameters: ca.MX,
-        options: dict[str, Any],
-    ) -> None:
-        self._shapes = {name: variable.shape[::-1] for name, variable in variables.items()}
-        sizes = [block.numel() for block, _, _ in rows]
-        low, high = (np.repeat([row[i] for row in rows], sizes) for i in (1, 2))
-        self._bounds = {"lbg": low, "ubg": high}
-        nlp = {
-            "x": ca.vertcat(*map(ca.vec, variables.values())),
-            "f": cost,
-            "g": ca.vertcat(*(ca.vec(block) for block, _, _ in rows)),
-            "p": ca.vec(parameters),
+    Attributes:
+        variables: The states q, which are scaled, and others.
+        cost: What is to be least.
+        rows: Its constraints.
+        parameters: ``stacked_waits`` of a problem.
+    """
+
+    variables: Mapping[str, ca.MX]
+    cost: ca.MX
+    rows: Sequence[Block]
+    parameters: ca.MX
+
+    @property
+    def nlp(self) -> dict[str, ca.MX]:
+        """The program as CasADi's solvers take it."""
+        return {
+            "x": ca.vertcat(*map(ca.vec, self.variables.values())),
+            "f": self.cost,
+            "g": ca.vertcat(*(ca.vec(block) for block, _, _ in self.rows)),
+            "p": ca.vec(self.parameters),
         }
-        self._solver = ca.nlpsol("peer", solver, nlp, {"print_time": False, **options})
+
+    def row_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bound of each constraint."""
+        sizes = [block.numel() for block, _, _ in self.rows]
+        low, high = (np.repeat([row[i] for row in self.rows], sizes) for i in (1, 2))
+        return low, high
+
+    def stacked(self, problem: Problem, given: Values) -> Array:
+        """Values of all variables, q not scaled, one after another as in the program."""
+        scale = dict.fromkeys(self.variables, 1.0) | {"q": state_scale(problem.robot)}
+        return np.concatenate(
+            [
+                np.broadcast_to(given[name] / scale[name], variable.shape[::-1]).ravel()
+                for name, variable in self.variables.items()
+            ]
+        )
+
+    def parts(self, problem: Problem, stacked: Array) -> dict[str, Array]:
+        """Variables as (columns, rows), q not scaled; the inverse of ``stacked``."""
+        scale = dict.fromkeys(self.variables, 1.0) | {"q": state_scale(problem.robot)}
+        ends = np.cumsum([variable.numel() for variable in self.variables.values()])
+        return {
+            name: part.reshape(variable.shape[::-1]) * scale[name]
+            for (name, variable), part in zip(
+                self.variables.items(), np.split(stacked, ends[:-1]), strict=True
+            )
+        }
+
+
+class Program:
+    """A formulation, compiled for one of CasADi's solvers."""
+
+    def __init__(self, solver: str, formulation: Formulation, options: dict[str, Any]) -> None:
+        self._formulation = formulation
+        options = {"print_time": False, **options}
+        self._solver = ca.nlpsol("peer", solver, formulation.nlp, options)
 
     def solve(
         self, problem: Problem, low: Values, high: Values, guess: Values
@@ -60,30 +97,18 @@ class Program:
 
         Returns the solver's words, the cost, and the variables as (columns, rows), q not scaled.
         """
-        nodes, _ = self._shapes["q"]
+        form = self._formulation
+        nodes = form.variables["q"].shape[1]
         given = {"x0": {"q": motions.straight_line(problem, nodes), **guess}}
         given["lbx"], given["ubx"] = (
             {"q": bound, **more}
             for bound, more in zip(state_bounds(problem, nodes), (low, high), strict=True)
         )
-        scale = dict.fromkeys(self._shapes, 1.0) | {"q": state_scale(problem.robot)}
-        stacked = {
-            name: np.concatenate(
-                [
-                    np.broadcast_to(values[part] / scale[part], shape).ravel()
-                    for part, shape in self._shapes.items()
-                ]
-            )
-            for name, values in given.items()
-        }
-        found = self._solver(p=stacked_waits(problem), **stacked, **self._bounds)
-        ends = np.cumsum([np.prod(shape) for shape in self._shapes.values()])
-        parts = np.split(found["x"].full().ravel(), ends[:-1])
-        x = {
-            name: part.reshape(shape) * scale[name]
-            for (name, shape), part in zip(self._shapes.items(), parts, strict=True)
-        }
-        return self._solver.stats()["return_status"], float(found["f"]), x
+        stacked = {name: form.stacked(problem, values) for name, values in given.items()}
+        stacked["lbg"], stacked["ubg"] = form.row_bounds()
+        found = self._solver(p=stacked_waits(problem), **stacked)
+        words = self._solver.stats()["return_status"]
+        return words, float(found["f"]), form.parts(problem, found["x"].full().ravel())
 
 
 def state_bounds(problem: Problem, nodes: int) -> tuple[Array, Array]:
