@@ -162,15 +162,15 @@ class _Program:
         if is_rigid(mode):
             assert self.twists is not None, "that is asked first"
             units = np.repeat(np.eye(3, 5)[..., None], count, axis=2)
-            shares, full = np.repeat(self.twists[..., None], count, axis=2), np.ones((3, count))
+            shares, paces = np.repeat(self.twists[..., None], count, axis=2), np.ones((3, count))
             still = np.zeros((_TWO, 3, count))
-            return _Moves(units, 0 * units, full, still, 0 * full, shares)
+            return _Moves(units, 0 * units, paces, still, 0 * paces, shares)
         most, soft = self.most_per_m, np.flatnonzero(mode)
         around = (shapes.middles * most).T, shapes.half * most
         middle, ends = self.pose.changes(mode, *around)
         off = np.tensordot(around[1], np.abs(ends).max(axis=0), 1) + _EXACT * np.abs(middle)
         steep, wide = (ends[1] + ends[0])[:, :, 0] / 2, (ends[1] - ends[0])[:, :, 0] / 2
-        spread: Array = np.tensordot(around[1], wide, 1) + _EXACT * np.abs(middle[:, 0])
+        spread = np.tensordot(around[1], wide, 1) + _EXACT * np.abs(middle[:, 0])
         least, highest = (
             np.maximum(side[:, :1], 0.0) * np.maximum(side[:, 4 + soft], 0.0) + _STILL
             for side in (middle - off, middle + off)
@@ -181,7 +181,7 @@ class _Program:
         shares = np.array([[one, full], [full, other], [full, -full]])
         for each in (middle, off):
             each[:, 4:] /= most[:, None]
-        tilt: Array = np.broadcast_to(steep * most[:, None, None], (_TWO, 2, count))
+        tilt = np.broadcast_to(steep * most[:, None, None], (_TWO, 2, count))
         spread = np.broadcast_to(spread, (2, count))
         return _Moves(middle[:, 1:], off[:, 1:], middle[:, 0], tilt, spread, shares)
 
