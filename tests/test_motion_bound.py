@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from problems import at, faster_robot, goal_tree, network_of, random_problem
-from test_pose_bound import problem_between, random_motion
+from test_pose_bound import problem_between, random_motion, unit_speed
 
 from twosra_mpc import Goal, Robot, load_robot
-from twosra_mpc.planning.bounds import motion_bound
-from twosra_mpc.planning.bounds.motion_bound import least_motion_s
-from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.bounds.motion_bound import _Program, least_motion_s
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.problem.limits import shape_margins
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.timing import resting_s
 
 V1 = load_robot("2sra-v1")
@@ -82,99 +83,104 @@ def test_rest_never_lasts_longer_than_the_plan_nor_less_with_more_phases() -> No
             assert resting_s(network_of(problem, head[:-1])) <= resting_s(network) + 1e-9
 
 
-class _Told(PoseProgram):
-    """A program that keeps what was read of it."""
+def solved(robot: Robot, seed: int) -> tuple[_Program, np.ndarray]:
+    """A program, and the S it finds for a random change of pose and shape."""
+    rng = np.random.default_rng(seed)
+    start, end = rng.uniform(-1.0, 1.0, (2, 5)) * [0.3, 0.3, 3.0, 20.0, 20.0]
+    problem = problem_between(robot, start, end)
+    task = bending_task(problem)
+    assert task.pose is not None
+    program = _Program(task, task.pose, problem.modes)
+    assert program.limited
+    x = program._solved()
+    assert x is not None
+    return program, x
 
-    last: PoseProgram
-    read_of: list[tuple[np.ndarray, float, float]]
 
-    def read(self, x: np.ndarray) -> tuple[PoseConstraint, bool]:
-        found, violated = super().read(x)
-        type(self).last = self
-        self.read_of.append((x, found.need, float(found.rates[0])))
-        return found, violated
+def value(program: _Program, x: np.ndarray, q: np.ndarray) -> float:
+    """S as it is written: a sum over waves of the heading and powers of the curvatures."""
+    (k1, k2), phi = q[3:] / program.most_per_m, q[2] - program.pose.heading
+    waves = [1.0, math.cos(phi), math.cos(2 * phi), math.sin(phi), math.sin(2 * phi)]
+    powers = [k1**i * k2**j for i in range(4) for j in range(4 - i)]
+    return float((x[:2] - x[2:4]) @ q[:2] + x[5:] @ np.outer(waves, powers).ravel())
+
+
+def rates_of(robot: Robot, q: np.ndarray, mode: Mode) -> np.ndarray:
+    """Columns of q' by inputs at the corners of what wheels, units and bends are limited to."""
+    limits, signs = robot.limits, np.array([*itertools.product((-1.0, 1.0), repeat=3)])
+    known = kinematics(robot)
+    jacobian = known.jacobian(q, mode).full()
+    if not any(mode):
+        wheels = known.wheel_matrix(q, mode).full()[:, 2:]
+        inputs = np.array(
+            [np.linalg.solve(wheels[[*rows]], s) for rows in itertools.combinations(range(4), 3)
+             for s in signs]
+        ).T  # fmt: skip
+        inputs /= np.abs(wheels @ inputs).max(axis=0) / limits.wheel_speed_rad_s
+        inputs *= np.minimum(1.0, (limits.speed_m_s or np.inf) / np.hypot(*inputs[:2]))
+        inputs *= np.minimum(1.0, (limits.turn_rate_rad_s or np.inf) / np.abs(inputs[2]))
+        return jacobian[:, 2:] @ inputs
+    shares = np.linspace(-1.0, 1.0, 9)
+    sides = [*((1.0, share) for share in shares), *((share, 1.0) for share in shares)]
+    rates = unit_speed(robot) * jacobian[:, :2] @ np.array(sides).T
+    turning = np.abs(rates[3:] * np.array(robot.geometry.lengths_m)[:, None]).max(axis=0)
+    within = turning <= (limits.bend_rate_rad_s or np.inf)
+    return rates[:, within]
 
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("robot", [V1, load_robot("2sr-v2")], ids=["2sra-v1", "2sr-v2"])
-def test_a_finer_look_at_the_shapes_finds_no_quicker_growth(
-    robot: Robot, seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The bound is what S gains by its growth: on boxes that are smaller by far, too."""
-    motion = random_motion(robot, np.random.default_rng(seed))
-    assert motion is not None
-    _Told.read_of = []
-    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
-    problem = problem_between(robot, motion.states[0, 0], motion.end)
+def test_nothing_grows_faster_than_it_is_proved_to(robot: Robot, seed: int) -> None:
+    """S as it is written, along the robot's own Jacobian, by differences, in allowed shapes."""
+    program, x = solved(robot, seed)
+    rng, most = np.random.default_rng(seed), robot.limits.curvature_per_m
+    kappa = rng.uniform(-most, most, (20, 2))
+    kappa = kappa[np.all([margin >= 0 for margin in shape_margins(robot, kappa).values()], axis=0)]
+    for mode in program.modes:
+        proved, found = program._grows(x, mode), 0.0
+        for shape, heading in zip(kappa, rng.uniform(-4, 4, len(kappa)), strict=True):
+            q = np.array([0.3, -0.2, heading, *shape])
+            for rate in rates_of(robot, q, mode).T:
+                step = 1e-5 / np.abs(rate).max()
+                ends = (value(program, x, q + side * step * rate) for side in (-1, 1))
+                found = max(found, abs(np.subtract(*ends)) / (2 * step))
+        assert found <= proved * (1 + 1e-6)
+        assert found > 0.5 * proved
+
+
+def test_growth_in_a_box_is_no_less_than_in_its_parts() -> None:
+    """Halved again and again, a box grows by no more; and at a point by what sampling finds."""
+    program, x = solved(V1, 3)
+    for mode in program.modes:
+        boxes = program.shapes._replace(middles=program.shapes.middles[::9])
+        whole = program.growth(x, mode, boxes)
+        parts = program.growth(x, mode, boxes.halved()).reshape(4, -1)
+        assert (parts.max(axis=0) <= whole * (1 + 1e-9)).all()
+
+
+def test_the_gain_is_that_of_the_worst_goal() -> None:
+    program, x = solved(V1, 1)
+    problem = problem_between(
+        V1, np.zeros(5), np.array([0.2, 0.1, 1.0, 20.0, -9.0]), half_width=np.full(5, 0.05)
+    )
     task = bending_task(problem)
     assert task.pose is not None
-    least_s = least_motion_s(task, problem.modes)
-    x, need, _ = max(_Told.read_of, key=lambda read: read[1] / read[2] if read[2] else 0.0)
-    boxes, empty = motion_bound._pieces(task)
-    p, slopes = x[:2] * _Told.last.given, _Told.last.slopes(x, 0)
-    surely = 0.0
-    for mode in problem.modes:
-        smaller = boxes
-        for halving in range(4):
-            phase = motion_bound._motions(task.pose, mode, task, smaller, empty)
-            assert phase is not None
-            growth, loose = _Told.last.growth(phase, p, *slopes)
-            surely = max(surely, float((growth.max(axis=2) - loose).max()))
-            if not any(mode) or halving == 3:
-                break
-            each = (growth.max(axis=2) + loose).max(axis=1).reshape(-1, smaller.low.shape[1])
-            smaller = smaller.some(each.max(axis=0) >= np.quantile(each.max(axis=0), 0.95)).halved()
-    assert least_s * surely <= need * (1 + 1e-9)
+    program, rng = _Program(task, task.pose, problem.modes), np.random.default_rng(0)
+    x = rng.normal(size=len(x)) * (np.arange(len(x)) != 5)
+    x[4] = 0.0
+    gain, (low, high) = program.gain(x), problem.goal.box_met(np.zeros(5))
+    ends = [value(program, x, q) for q in rng.uniform(low, high, (500, 5))]
+    reach_loss = 0.05 * np.abs(x[2:4] + x[:2] - np.abs(x[:2] - x[2:4])).sum()
+    found = min(ends) - value(program, x, np.zeros(5))
+    assert gain <= found
+    assert found - gain < 1.0 + reach_loss
 
 
-@pytest.mark.parametrize("share", [0.1, 0.9, 1.1, 3.0])
-def test_growth_known_of_other_modes_is_never_forgotten(
-    share: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Mode by mode it only grows: less of it would prove too long a motion."""
-    motion = random_motion(V1, np.random.default_rng(0))
-    assert motion is not None
-    _Told.read_of = []
-    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
-    task = bending_task(problem_between(V1, motion.states[0, 0], motion.end))
-    least_motion_s(task, tuple(MODES))
-    x, need, rate = max(_Told.read_of, key=lambda read: read[1] / read[2] if read[2] else 0.0)
-    for mode in MODES:
-        assert motion_bound._growth(_Told.last, x, mode, task, share * rate) >= share * rate
-    assert need > 0
-
-
-@pytest.mark.parametrize("loosely", [False, True])
-def test_growth_is_proved_at_all_headings_of_a_panel_and_for_all_motions_of_a_box(
-    loosely: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Headings within panels, and motions anywhere in their boxes, let nothing grow faster."""
-    _Told.read_of = []
-    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
-    robot, rng = load_robot("2sr-v2"), np.random.default_rng(0)
-    start = np.array([0.1, -0.1, 0.4, 5.0, -8.0])
-    end = start + np.array([0.2, 0.1, 0.5, 3.0, 4.0])
-    task = bending_task(problem_between(robot, start, end))
-    assert task.pose is not None
-    least_motion_s(task, robot_modes := (RIGID, SOFT_1, SOFT_2, SOFT_BOTH))
-    program, most_used = _Told.last, 0.0
-    for mode in robot_modes:
-        phase = motion_bound._motions(task.pose, mode, task, *motion_bound._pieces(task))
-        assert phase is not None
-        phase = phase if loosely else phase._replace(slack=0 * phase.slack)
-        for _ in range(30):
-            slopes, steep = rng.normal(size=program.panels), rng.normal(size=len(phase.bends))
-            n, panel = rng.integers(len(phase.motions)), rng.integers(program.panels, size=50)
-            signs = rng.choice([-1.0, 1.0], size=4) * np.array([0.7, 0.7, 1.0, 1.0])
-            u, v, r, bending = phase.motions[n] + signs * phase.slack[n]
-            share = rng.uniform(0.3, 0.7, 50)
-            heading = task.pose.heading + program.edges[panel] + share * program.widths[panel]
-            c, s = np.cos(heading), np.sin(heading)
-            moved = np.array([c * u - s * v, s * u + c * v])
-            p = 10 * moved[:, 0]  # along which one of them drives
-            growth, loose = program.growth(phase, p, slopes, steep)
-            most = growth[n].max(axis=1) + loose[n]
-            grows = p @ moved + slopes[panel] * r + bending * steep[phase.piece[n]].sum()
-            assert (grows <= most[panel] + 1e-9).all()
-            most_used = max(most_used, float((grows - growth[n].max(axis=1)[panel]).max()))
-    assert (most_used > 0) == loosely  # what is added for the size of boxes is needed
+def test_fewer_modes_never_move_quicker_than_more_are_known_to() -> None:
+    """What is known of more modes counts for fewer of them."""
+    problem = random_problem(0, robot=FAST)
+    leaves = goal_tree(problem).leaves
+    everything = frozenset(problem.modes)
+    leaves.motion_s |= {everything: 3.0, frozenset((RIGID, SOFT_1, SOFT_BOTH)): 5.0}
+    assert leaves.moves_s(everything) == leaves.moves_s(frozenset((RIGID, SOFT_2))) == 3.0
+    assert leaves.moves_s(frozenset((RIGID, SOFT_1))) == 5.0

@@ -257,6 +257,27 @@ class Bending:
         )
         return least, most
 
+    def changes_around(self, mode: Mode, kappa: Array, half: Array) -> tuple[Array, Array]:
+        """What each locomotion unit at full speed does to the robot in boxes of shapes.
+
+        Args:
+            mode: A soft mode.
+            kappa: Middles of the boxes, (n, m) [1/m].
+            half: Their half-widths, (n,) [1/m].
+
+        Returns:
+            In the middles (2, 4 + n, m), for LU1 and LU2: dW/dt, then b0's twist (u, v, r) and the
+            change of all curvatures per dW; and bounds of their slopes, (2, n, 2, 4 + n, m).
+        """
+        changes, slopes = _changes(self.body, mode)
+        middle, ends = by_rows(changes, kappa.T)[0].T, np.zeros((2, len(half), 2, 4 + len(half), 1))
+        if half.any():
+            bounds = enclose(slopes, kappa - half[:, None], kappa + half[:, None])
+            ends = np.reshape(bounds, (2, len(half), 2, -1, kappa.shape[1]))
+        here, speed = middle.reshape(2, -1, kappa.shape[1]), _unit_speed(self.body)
+        here[:, 0], ends[..., 0, :] = speed * here[:, 0], speed * ends[..., 0, :]
+        return here, ends
+
     def largest_speed_m_s(self, mode: Mode) -> float:
         """Upper bound of the speed of b0 in a soft mode, both locomotion units at full speed."""
         return _largest_speed(self.body, mode)
@@ -360,6 +381,19 @@ def _twists(body: Body, mode: Mode) -> ca.Function:
     jacobian = kinematics(body).jacobian(ca.vertcat(0, 0, 0, kappa), mode)
     stacked = ca.vertcat(jacobian[:POSE, 0], jacobian[:POSE, 1])
     return ca.Function("twists", [kappa], [ca.densify(stacked)])
+
+
+@per_body(8)
+def _changes(body: Body, mode: Mode) -> tuple[ca.Function, ca.Function]:
+    """Kappa (n,) -> dW/ds and (u, v, r, kappa) per dW by LU1, by LU2; and their slopes."""
+    lengths = ca.DM(body.geometry.lengths_m)
+    kappa, told = ca.SX.sym("kappa", body.geometry.segments), list[ca.SX]()
+    for bend in path_model(body).bends(kappa * lengths, mode):
+        bent = ca.vertcat(*bend.bending) / lengths
+        told += [bend.pace, *(each / bend.pace for each in (*bend.twist, *ca.vertsplit(bent)))]
+    stacked = ca.densify(ca.vertcat(*told))
+    steep = ca.densify(ca.vec(ca.jacobian(stacked, kappa)))
+    return ca.Function("changes", [kappa], [stacked]), ca.Function("slopes", [kappa], [steep])
 
 
 @per_body()

@@ -282,13 +282,13 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
 
 def pose_task(problem: Problem | Alone) -> PoseTask | None:
     """Task of the pose; None where the goal leaves all of it free."""
-    start = problem.start.configuration
+    robot, start = problem.robot, problem.start.configuration
     low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
-    given = np.isfinite(high - low)
+    given, lengths_m = np.isfinite(high - low), np.array(robot.geometry.lengths_m)
     if not given.any():
         return None
     low, high = np.where(given, [low, high], 0.0)
-    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
+    guess = guess_motion(robot, start, problem.goal, (robot.rigid,), np.zeros(1), 1)
     reach = np.where(given, (high - low) / 2, math.inf)
     return PoseTask(
         heading=float(start[2]),
@@ -297,9 +297,12 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
         turn=float(low[2] + high[2]) / 2,
         turn_reach=min(float(reach[2]), math.pi),
         known_s=_known_s(guess),
-        speed_rows=partial(rigid_rows_between, problem.robot),
-        ramp_s=unit_ramp_s(problem.robot),
-        soft_motions=bending(problem.robot).motions_between,
+        speed_rows=partial(rigid_rows_between, robot),
+        ramp_s=unit_ramp_s(robot),
+        soft_motions=bending(robot).motions_between,
+        changes=bending(robot).changes_around,
+        bend_rates_per_m_s=(robot.limits.bend_rate_rad_s or math.inf) / lengths_m,
+        overlaps=lambda middles, half: most_gaps_m(robot, middles, half) < 0,
     )
 
 

@@ -73,7 +73,6 @@ class PoseProgram:
         least: {(u, v): w} meaning t[v] - t[u] >= w [s].
         cost: Cost of the event times, by event.
         side: Of the turns that are bounded, as in ``PoseTask.sides``.
-        cuts: Most rows that are added to a phase at a time.
     """
 
     def __init__(
@@ -84,9 +83,8 @@ class PoseProgram:
         least: dict[tuple[int, int], float],
         cost: Array,
         side: tuple[float, float],
-        cuts: int = _CUTS,
     ) -> None:
-        self.cuts, self.side = cuts, side
+        self.side = side
         turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
         edges = sorted({*np.round(turns, _GRID)})  # np.unique loads masked arrays, for 10 ms
         self.edges = math.tau * np.array(edges)  # of the panels, from the start's
@@ -117,7 +115,7 @@ class PoseProgram:
         for i, phase in enumerate(phases):
             first = np.arange(len(phase.motions))
             if len(phase.bends) > 1:
-                first = first[BOXES // 2 :: max(BOXES, 2 * len(first) // self.cuts)]
+                first = first[BOXES // 2 :: max(BOXES, 2 * len(first) // _CUTS)]
             motion, panel = np.meshgrid(
                 first, np.arange(0, self.panels, 3 if len(first) > 40 else 1)
             )
@@ -214,20 +212,17 @@ class PoseProgram:
         row, column = np.tile(np.arange(count), len(columns)), np.concatenate(columns)
         self.rows.append(Rows.summed(count, row, column, np.concatenate(values)))
 
-    def best(
-        self, value: Callable[[PoseConstraint], float], enough: float
-    ) -> tuple[float, Array | None]:
-        """The highest value of what is proved, up to what is enough, and its x, if any."""
-        best, found = -math.inf, None
+    def best(self, value: Callable[[PoseConstraint], float], enough: float) -> float:
+        """The highest value of what is proved, up to what is enough; -inf if there is none."""
+        best = -math.inf
         for _ in range(_ROUNDS):
             if (x := self.solve()) is None:
                 break
             constraint, violated = self.read(x)
-            if (worth := value(constraint)) > best:
-                best, found = worth, x
+            best = max(best, value(constraint))
             if best >= enough or not violated:
                 break
-        return best, found
+        return best
 
     def solve(self) -> Array | None:
         """Optimum of the program with the rows it has; None if the solver gives up."""
@@ -287,7 +282,7 @@ class PoseProgram:
         groups = np.split(np.argsort(alike, kind="stable"), np.cumsum(np.bincount(alike))[:-1])
         chosen = [np.stack([each[worst[each].argmax(axis=0)], panel]) for each in groups]
         motion, where = np.concatenate(chosen, axis=1)
-        order = np.argsort(-worst[motion, where])[: self.cuts]
+        order = np.argsort(-worst[motion, where])[:_CUTS]
         order = order[worst[motion[order], where[order]] > _VIOLATED]
         if len(order):
             motion, where = motion[order], where[order]

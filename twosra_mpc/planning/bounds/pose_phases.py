@@ -38,6 +38,12 @@ class PoseTask:
         ramp_s: In which a locomotion unit gets from rest to full speed at least [s].
         soft_motions: (mode, least W (n, m), largest W (n, m)) -> lower and upper bounds, each
             (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, in these boxes.
+        changes: (mode, middles (n, m), half-widths (n,) of boxes of curvatures [1/m]) -> dW/dt by
+            LU1 and LU2 at full speed, and twist and change of all curvatures per dW, in the
+            middles, (2, 4 + n, m); and bounds of their slopes in the boxes, (2, n, 2, 4 + n, m).
+        bend_rates_per_m_s: Largest rate of each curvature, (n,).
+        overlaps: (middles (m, n), half-widths (n,) of boxes of curvatures) -> whether parts overlap
+            in all of a box, (m,).
     """
 
     heading: float
@@ -49,6 +55,9 @@ class PoseTask:
     speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
     ramp_s: float
     soft_motions: Callable[[Mode, Array, Array], tuple[Array, Array]]
+    changes: Callable[[Mode, Array, Array], tuple[Array, Array]]
+    bend_rates_per_m_s: Array
+    overlaps: Callable[[Array, Array], NDArray[np.bool_]]
 
     @property
     def sides(self) -> tuple[tuple[float, float], ...]:
@@ -79,26 +88,16 @@ class PoseTask:
             np.array([w[end] + soft * ends for w, soft in zip(origin, mode, strict=True)])
             for end, ends in enumerate((along[:-1], along[1:]))
         )
-        piece = np.repeat(np.arange(len(bends)), BOXES)[:, None]
-        return self.soft_boxes(mode, low, high, PhaseMotions(low, low, piece, bends, settled))
-
-    def soft_boxes(
-        self, mode: Mode, low: Array, high: Array, where: PhaseMotions
-    ) -> PhaseMotions | None:
-        """Motions of a soft mode in boxes of W, (n, m), with their pieces as in ``where``.
-
-        One motion for each corner of the units' speeds, all boxes each. None if nothing limits it.
-        """
         lower, upper = self.soft_motions(mode, low, high)
         if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
             return None
         middle, half = (upper + lower) / 2, (upper - lower) / 2
-        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-        return where._replace(
-            motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
-            slack=np.tile((half[0] + half[1]).T, (4, 1)),
-            piece=np.tile(where.piece, (4, 1)),
-        )
+        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]  # of the units' speeds
+        piece = np.repeat(np.arange(len(bends)), BOXES)[:, None]
+        motions = [i * middle[0] + j * middle[1] for i, j in corners]
+        slack = np.tile((half[0] + half[1]).T, (len(corners), 1))
+        piece = np.tile(piece, (len(corners), 1))
+        return PhaseMotions(np.concatenate(motions, axis=1).T, slack, piece, bends, settled)
 
 
 def pieces_of(

@@ -148,12 +148,8 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     lost_s = soft * ramp_s * (1 - (1 - some) ** 2)  # from rest and to it, in what lasts so long
 
     def bound_with(found: PoseConstraint) -> float:
-        found = found._replace(need=found.need + float(found.rates @ lost_s))
-        try:
-            bound = _linear_program_bound(events, task, found)
-        except ArithmeticError:  # the solver gave up: nothing is proved
-            return -math.inf
-        return -math.inf if bound is None else bound.cost
+        need = found.need + float(found.rates @ lost_s)
+        return _constrained_bound(events, task, found._replace(need=need))
 
     timed = with_durations(network, least_s)
     times = timed.earliest or [0.0] * network.layout.count
@@ -162,8 +158,22 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     least = timed.least | whole
     for side in task.pose.sides:
         program = PoseProgram(task.pose, phases, network.layout, least, cost, side)
-        enough = min(enough, program.best(bound_with, enough)[0])
+        enough = min(enough, program.best(bound_with, enough))
     return enough
+
+
+def moving_bound(events: Events, task: BendingTask, moves_s: float) -> float:
+    """Bound of a sequence whose phases last so long in all [s]; -inf if not known."""
+    lasting = PoseConstraint(np.ones(len(events.network.sequence)), moves_s)
+    return _constrained_bound(events, task, lasting)
+
+
+def _constrained_bound(events: Events, task: BendingTask, constraint: PoseConstraint) -> float:
+    try:
+        bound = _linear_program_bound(events, task, constraint)
+    except ArithmeticError:  # the solver gave up: nothing is proved
+        return -math.inf
+    return -math.inf if bound is None else bound.cost
 
 
 def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:

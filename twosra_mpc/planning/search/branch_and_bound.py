@@ -288,19 +288,27 @@ class _Search(Generic[Node, Solution]):
         self.first_work = self.first_work if self.incumbents else math.inf
 
     def step(self) -> None:
-        """Work on the entry with the least bound, if that is still its bound."""
+        """Work on the entry with the least bound."""
         self.steps += 1
-        bound = self.tree.bound(self.queue[0].node) if self.learnt else -math.inf
-        if bound > self.queue[0].bound:
-            heapq.heapreplace(self.queue, replace(self.queue[0], bound=bound))
-        elif not (entry := self._next()).branch:
+        if not (entry := self._next()).branch:
             self._attempt(entry)
         elif self.tree.too_deep(entry.node):
             self.kept, entry.done = min(self.kept, entry.bound), True
         else:
             self._branch(entry)
-        while self.queue and self.queue[0].done:
-            heapq.heappop(self.queue)
+        self._settle()
+
+    def _settle(self) -> None:
+        """Raise the least bound to what is known by now, until it is the least."""
+        while self.queue:
+            first = self.queue[0]
+            bound = self.tree.bound(first.node) if self.learnt else -math.inf
+            if first.done:
+                heapq.heappop(self.queue)
+            elif bound > first.bound:
+                heapq.heapreplace(self.queue, replace(first, bound=bound))
+            else:
+                break
 
     def _next(self) -> _Entry[Node, Solution]:
         """The entry with the least bound; before a leaf without luck one that is as good.
@@ -320,6 +328,7 @@ class _Search(Generic[Node, Solution]):
         leaf_bound = tree.leaf_bound(node)
         if math.isfinite(leaf_bound):
             self.bounded += 1
+            self.learnt |= tree.bound(node) > entry.bound
             bound = max(leaf_bound, entry.bound)
             opened.append(_Entry(bound, False, next(self.order), node))
         for child in tree.children(node):

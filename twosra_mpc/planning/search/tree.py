@@ -17,13 +17,20 @@ from twosra_mpc.planning.bounds.bends import free_bends, passes_forbidden
 from twosra_mpc.planning.bounds.detours import COARSE, FINE, Detours
 from twosra_mpc.planning.bounds.motion_bound import least_motion_s
 from twosra_mpc.planning.bounds.parts import bound_by_parts
-from twosra_mpc.planning.bounds.sequence_bound import Events, SequenceBound, pose_bound
+from twosra_mpc.planning.bounds.sequence_bound import (
+    Events,
+    SequenceBound,
+    moving_bound,
+    pose_bound,
+)
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation, Together, Way
 from twosra_mpc.planning.search.nodes import InTheWay, Node, Stages, Whole
 from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel
+
+_MANY = 16  # leaves that are bounded without asking how long plans move
 
 
 @dataclass
@@ -35,7 +42,8 @@ class Leaves:
         so_far: Bounds of what comes first.
         relaxation: Rates and room of the bending coordinates.
         bounds: Of sequences of all stages, as far as they were asked for.
-        motion_s: Least time in which every plan moves [s], once it is asked for.
+        motion_s: Least time in which plans move whose first stage has no other modes [s], once it
+            is asked for.
         detours: Of variants of which the bends of a bound have passed a forbidden shape.
     """
 
@@ -43,7 +51,7 @@ class Leaves:
     so_far: SoFar
     relaxation: StageRelaxation
     bounds: dict[Whole, SequenceBound] = field(default_factory=dict)
-    motion_s: float | None = None
+    motion_s: dict[frozenset[Mode], float] = field(default_factory=dict)
     detours: dict[int, Detours] = field(default_factory=dict)
     _first: dict[tuple[int, tuple[ModeSequence, ...]], tuple[float, SequenceBound | None]] = field(
         default_factory=dict
@@ -89,10 +97,14 @@ class Leaves:
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
         if bound >= enough:
             return bound
+        later = self._later(whole)
+        return max(bound, self._by_motion(whole, drives_s[0], enough - later) + later)
+
+    def _later(self, whole: Whole) -> float:
+        """What all stages but the first add at least."""
         stages, cost = self.variants[whole.variant], self.so_far.to_go.alone.cost
         ends = [sequence[-1] for sequence in whole.sequences]
-        later = sum(map(cost, stages[1:], ends, whole.sequences[1:]))
-        return max(bound, self._by_motion(whole, drives_s[0], enough - later) + later)
+        return sum(map(cost, stages[1:], ends, whole.sequences[1:]))
 
     def _drives(
         self, whole: Whole, drives_s: Sequence[Sequence[float]], enough: float
@@ -110,12 +122,9 @@ class Leaves:
         stage, sequence = self.variants[whole.variant][0], whole.sequences[0]
         if (task := stage.bend) is None:
             return -math.inf
-        first, timing, weights = whole.sequences[:1], self.so_far.timing, self.so_far.weights
+        first = whole.sequences[:1]
         if (whole.variant, first) not in self._first:
-            least_s = self.so_far.to_go.alone.durations(stage, sequence)
-            longer = list(map(max, least_s, drives_s))
-            network = timing.network(sequence, stage.settled(sequence), longer)
-            delayed = Events(timing.with_delays(network, longer), weights, longer)
+            delayed = self._delayed(stage, sequence, drives_s)
             parts = bound_by_parts(delayed, task, enough)
             cost = -math.inf if parts is None else parts.cost
             if cost < enough:
@@ -124,6 +133,23 @@ class Leaves:
         cost, parts = self._first[whole.variant, first]
         self._take_over(whole, parts)
         return cost
+
+    def _delayed(
+        self, stage: StageBounds, sequence: ModeSequence, drives_s: Sequence[float]
+    ) -> Events:
+        """Events of the first stage by itself."""
+        least_s = self.so_far.to_go.alone.durations(stage, sequence)
+        longer, timing = list(map(max, least_s, drives_s)), self.so_far.timing
+        network = timing.network(sequence, stage.settled(sequence), longer)
+        return Events(timing.with_delays(network, longer), self.so_far.weights, longer)
+
+    def by_modes(self, whole: Whole, drives_s: Sequence[float]) -> float:
+        """Bound by how long plans move whose first stage has the modes of this one."""
+        stages, modes = self.variants[whole.variant], frozenset(whole.sequences[0])
+        if not self.ask_motion(whole, modes) or (task := stages[0].bend) is None:
+            return -math.inf
+        delayed = self._delayed(stages[0], whole.sequences[0], drives_s)
+        return moving_bound(delayed, task, self.moves_s(modes)) + self._later(whole)
 
     def first_is_forbidden(self, whole: Whole) -> bool:
         """True if the bends of the first stage's bound pass a forbidden shape."""
@@ -173,18 +199,28 @@ class Leaves:
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
         moves_s = max(task.pose.known_s, 2 * sum(self.so_far.durations(whole)))
-        if moves_s > self.bounds[whole].cost:
-            self.ask_motion(whole)
+        if moves_s > self.bounds[whole].cost or len(self.bounds) > _MANY:
+            self.ask_motion(whole, self.all_modes)
 
-    def ask_motion(self, whole: Whole) -> bool:
-        """Work out how long every plan moves, where there is but one variant; whether it is news.
+    @property
+    def all_modes(self) -> frozenset[Mode]:
+        """Modes of the first stage."""
+        return frozenset(self.variants[0][0].modes)
 
-        That of the first stage, whose start is known.
+    def moves_s(self, modes: frozenset[Mode]) -> float:
+        """Least time in which plans move whose first stage has no other modes; 0 if not known."""
+        return max((s for known, s in self.motion_s.items() if known >= modes), default=0.0)
+
+    def ask_motion(self, whole: Whole, modes: frozenset[Mode]) -> bool:
+        """Work out how long plans with these modes move; whether that is known now.
+
+        It is where there is but one variant, in the first stage, whose start is known.
         """
         stage = self.variants[whole.variant][0]
-        if self.motion_s is not None or stage.bend is None or len(self.variants) > 1:
+        if stage.bend is None or len(self.variants) > 1:
             return False
-        self.motion_s = least_motion_s(stage.bend, stage.modes)
+        if modes not in self.motion_s:
+            self.motion_s[modes] = least_motion_s(stage.bend, sorted(modes))
         return True
 
 
@@ -336,7 +372,8 @@ class Tree(Generic[Solution]):
             return past.cost
         if (reason := self.leaves.so_far.timing.refusal(whole, stage.rigid)) is not None:
             return self._infeasible(whole, reason)
-        least = self.leaves.so_far.least(stage, whole, past.durations, self.leaves.motion_s)
+        moves_s = self.leaves.moves_s(self.leaves.all_modes)
+        least = self.leaves.so_far.least(stage, whole, past.durations, moves_s)
         return least + to_go.after(node.variant, done + 1)
 
     def _past(self, over: Whole) -> Past:
@@ -391,10 +428,15 @@ class Tree(Generic[Solution]):
             drives_s.append(list(way.least_drives_s(sequence)))
         bound = self.bound(node) if self.leaves.motion_s else -math.inf
         bound = self.leaves.tighter(whole, drives_s, bound, enough)
-        far = max(bound, self.leaves.bounds[whole].cost) < (1 - _MOVING) * enough
-        if far and any(map(any, whole.joined)) and self.leaves.ask_motion(whole):
+        if any(map(any, whole.joined)) and self._far(whole, bound, enough):
+            self.leaves.ask_motion(whole, self.leaves.all_modes)
             bound = max(bound, self.bound(node))
+            if self._far(whole, bound, enough):
+                bound = max(bound, self.leaves.by_modes(whole, drives_s[0]))
         return bound
+
+    def _far(self, whole: Whole, bound: float, enough: float) -> bool:
+        return max(bound, self.leaves.bounds[whole].cost) < (1 - _MOVING) * enough
 
     def solve(self, node: Node) -> Iterator[tuple[float, Solution] | None]:
         """Hand the sequences of all stages to the solver.
