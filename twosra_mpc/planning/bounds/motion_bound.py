@@ -206,7 +206,7 @@ class _Program:
     def growth(self, x: Array, mode: Mode, shapes: _Shapes) -> Array:
         """Proved growth of S in boxes of shapes, at every heading, (m,)."""
         units, off, paces, tilt, spread, shares = self._moves(mode, shapes)
-        charge(Cost.ENCLOSURE, shares.shape[0] * shares.shape[2])
+        charge(Cost.ENCLOSURE, shares.shape[0] * shares.shape[2] // 2)  # measured
         reach, higher = (_reach(shapes.half, _DEGREE + more) for more in (0, 1))
         slopes = self._slopes(x, shapes.middles)
         sizes = np.einsum("ab,iabm->im", reach, _amplitude(slopes))
