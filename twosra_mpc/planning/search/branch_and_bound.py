@@ -288,7 +288,7 @@ class _Search(Generic[Node, Solution]):
         self.first_work = self.first_work if self.incumbents else math.inf
 
     def step(self) -> None:
-        """Work on the entry with the least bound."""
+        """Work on the entry with the least bound, and raise the next to what is known by now."""
         self.steps += 1
         if not (entry := self._next()).branch:
             self._attempt(entry)
@@ -296,10 +296,6 @@ class _Search(Generic[Node, Solution]):
             self.kept, entry.done = min(self.kept, entry.bound), True
         else:
             self._branch(entry)
-        self._settle()
-
-    def _settle(self) -> None:
-        """Raise the least bound to what is known by now, until it is the least."""
         while self.queue:
             first = self.queue[0]
             bound = self.tree.bound(first.node) if self.learnt else -math.inf

@@ -41,6 +41,7 @@ class Leaves:
         variants: The stages of every variant.
         so_far: Bounds of what comes first.
         relaxation: Rates and room of the bending coordinates.
+        all_modes: Of the first stage.
         bounds: Of sequences of all stages, as far as they were asked for.
         motion_s: Least time in which plans move whose first stage has no other modes [s], once it
             is asked for.
@@ -50,6 +51,7 @@ class Leaves:
     variants: Sequence[Stages]
     so_far: SoFar
     relaxation: StageRelaxation
+    all_modes: frozenset[Mode]
     bounds: dict[Whole, SequenceBound] = field(default_factory=dict)
     motion_s: dict[frozenset[Mode], float] = field(default_factory=dict)
     detours: dict[int, Detours] = field(default_factory=dict)
@@ -202,11 +204,6 @@ class Leaves:
         if moves_s > self.bounds[whole].cost or len(self.bounds) > _MANY:
             self.ask_motion(whole, self.all_modes)
 
-    @property
-    def all_modes(self) -> frozenset[Mode]:
-        """Modes of the first stage."""
-        return frozenset(self.variants[0][0].modes)
-
     def moves_s(self, modes: frozenset[Mode]) -> float:
         """Least time in which plans move whose first stage has no other modes; 0 if not known."""
         return max((s for known, s in self.motion_s.items() if known >= modes), default=0.0)
@@ -257,7 +254,8 @@ def tree_of(
     if in_the_way is None:
         in_the_way = [[InTheWay()] * len(stages) for stages in variants]
     to_go = ToGo(variants, Alone(timing), relaxation.soft_travel_m)
-    leaves = Leaves(variants, SoFar(variants, first, timing, weights, to_go), relaxation)
+    so_far = SoFar(variants, first, timing, weights, to_go)
+    leaves = Leaves(variants, so_far, relaxation, frozenset(variants[0][0].modes))
     return Tree(variants, first, leaves, solver, in_the_way, excluded)
 
 
@@ -372,7 +370,7 @@ class Tree(Generic[Solution]):
             return past.cost
         if (reason := self.leaves.so_far.timing.refusal(whole, stage.rigid)) is not None:
             return self._infeasible(whole, reason)
-        moves_s = self.leaves.moves_s(self.leaves.all_modes)
+        moves_s = self.leaves.motion_s.get(self.leaves.all_modes)
         least = self.leaves.so_far.least(stage, whole, past.durations, moves_s)
         return least + to_go.after(node.variant, done + 1)
 
