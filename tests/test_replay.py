@@ -56,12 +56,15 @@ def clock(time_s: float) -> str:
 
 
 def write_transport(folder: Path) -> None:
-    """A log of an object that slips by 12 mm, 3 mm beside its path, and the path as CSV and SVG."""
+    """A log of an object that slips by 12 mm, 3 mm beside its path, and the path as CSV and SVG.
+
+    The path in the log begins after the object is carried, and ends before.
+    """
     t, still = np.arange(0.0, 30.0, 0.5), np.zeros(60)
     x = 0.02 * np.clip(t - 5.0, 0.0, 20.0)
-    object_x = x + 0.05 - 0.012 * np.clip(t - 15.0, 0.0, 1.0)
+    object_x, path_x = x + 0.05 - 0.012 * np.clip(t - 15.0, 0.0, 1.0), np.clip(x + 0.05, 0.09, 0.35)
     header = "time,x,y,angle,object_x,object_y,object_angle,path_x,path_y"
-    columns = (t, x, still, still, object_x, still + 0.003, still, x + 0.05, still)
+    columns = (t, x, still, still, object_x, still + 0.003, still, path_x, still)
     written(folder / "transport.csv", header, np.column_stack(columns))
     written(folder / "path.csv", "x,y", [(0.0, 0.0), (0.6, 0.0)])
     (folder / "path.svg").write_text('<svg><path d="M0 0 h600"/></svg>', encoding="utf-8")

@@ -17,7 +17,7 @@ from twosra_mpc.files import reading
 from twosra_mpc.lab.csv_table import CsvTable
 from twosra_mpc.lab.identification.motion_log import ASKED, IN_HAND, LEAST_ROWS, times_of
 from twosra_mpc.problem.tasks import Follow
-from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
+from twosra_mpc.robot.coordinates import Array, composed, inverse
 
 _RESTS_M = 0.005  # nearer to where it is first or last, an object is not carried
 _FINE_M = 1e-3  # between places that are compared with the path
@@ -30,7 +30,8 @@ class Transport(NamedTuple):
         from_s: Since when.
         to_s: Until when.
         slip_m: How far it was from its first place in the hand, at most.
-        off_path_mean_m: How far it was from its path, on average along the way; None: no path.
+        off_path_mean_m: How far it was from its path, on average along the way, while its place in
+            the columns of a path moves, if it is these that say it; None: no path.
         off_path_m: The same at worst.
     """
 
@@ -49,10 +50,9 @@ def transport(table: CsvTable, path: Path | None = None) -> Transport | None:
     """
     if not set(IN_HAND) & set(table.names):
         return None
-    wanted = ("x", "y", "angle", *IN_HAND)
-    table.check(("time", *wanted), LEAST_ROWS)
+    table.check(("time", "x", "y", "angle", *IN_HAND), LEAST_ROWS)
     time_s = times_of(table, "time")
-    robot, thing = np.split(table.numbers(*wanted), [POSE], axis=1)
+    robot, thing = table.numbers("x", "y", "angle"), table.numbers(*IN_HAND)
     thing[:, 2] = np.unwrap(thing[:, 2])
     away = [np.hypot(*(thing - end)[:, :2].T) > _RESTS_M for end in (thing[0], thing[-1])]
     first = max(int(away[0].argmax()) - 1, 0)
@@ -63,14 +63,15 @@ def transport(table: CsvTable, path: Path | None = None) -> Transport | None:
     from_s, to_s = time_s[rows][[0, -1]].tolist()
     points: Any = None if path is None else str(path)
     if path is None and set(ASKED) <= set(table.names):
+        moves = np.diff(table.numbers(*ASKED)[rows], axis=0).any(axis=1)  # else it is not led
+        rows = slice(first + int(moves.argmax()), rows.stop - int(moves[::-1].argmax()))
         points = table.numbers(*ASKED)[rows].tolist()
     if points is None:
         return Transport(from_s, to_s, slip_m, None, None)
     with reading(table.source, "path"):
         task = Follow(path=points)
     half_m = float(task.line.length_m[-1]) / 2  # a path that is closed begins where it ends
-    from_m = float(task.line.along(thing[rows][:1, :2], half_m)[0])
-    task = task.with_values(from_m=from_m)
+    task = task.with_values(from_m=float(task.line.along(thing[rows][:1, :2], half_m)[0]))
     off_m = followed(task, *_finely(time_s[rows], thing[rows])).off_m
     return Transport(from_s, to_s, slip_m, float(off_m.mean()), float(off_m.max()))
 
