@@ -63,7 +63,7 @@ def transport(table: CsvTable, path: Path | None = None) -> Transport | None:
     from_s, to_s = time_s[rows][[0, -1]].tolist()
     points: Any = None if path is None else str(path)
     if path is None and set(ASKED) <= set(table.names):
-        moves = np.diff(table.numbers(*ASKED)[rows], axis=0).any(axis=1)  # else it is not led
+        moves = np.hypot(*np.diff(table.numbers(*ASKED)[rows], axis=0).T) > 0  # else it is not led
         rows = slice(first + int(moves.argmax()), rows.stop - int(moves[::-1].argmax()))
         points = table.numbers(*ASKED)[rows].tolist()
     if points is None:
