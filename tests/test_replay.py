@@ -70,14 +70,14 @@ def write_transport(folder: Path) -> None:
     (folder / "path.svg").write_text('<svg><path d="M0 0 h600"/></svg>', encoding="utf-8")
 
 
-@pytest.mark.parametrize("given", [(), ("--path", "path.csv")])
+@pytest.mark.parametrize(("given", "left_mm"), [((), 12), (("--path", "path.csv"), 162)])
 def test_an_object_that_is_carried_is_compared_with_its_path(
-    run: Run, tmp_path: Path, given: tuple[str, ...]
+    run: Run, tmp_path: Path, given: tuple[str, ...], left_mm: int
 ) -> None:
     write_transport(tmp_path)
     code, out, err = run("replay", "transport.csv", "--robot", "2sra-v1", *given)
     assert (code, err) == (0, "")
-    assert "off its path mean 3.00 mm, worst 3.00 mm" in out
+    assert f"off its path mean 3.00 mm, worst 3.00 mm left of its path {left_mm} mm" in out
     assert "slip in the hand 12.00 mm at most" in out
     assert "carried 5.0 s to 25.0 s" in out
 

@@ -91,10 +91,11 @@ def replay_command(
 
 def _print_transport(led: Transport) -> None:
     """Print how an object was carried."""
-    rows = [("carried", f"{led.from_s:z.1f} s to {led.to_s:z.1f} s")]
-    if led.off_path_mean_m is not None and led.off_path_m is not None:
+    slip = "slip in the hand", f"{1e3 * led.slip_m:z.2f} mm at most"
+    rows = [("carried", f"{led.from_s:z.1f} s to {led.to_s:z.1f} s"), slip]
+    if led.off_path_mean_m is not None and led.off_path_m is not None and led.left_m is not None:
         rows.append((OFF_PATH, off_words(led.off_path_mean_m, led.off_path_m)))
-    rows.append(("slip in the hand", f"{1e3 * led.slip_m:z.2f} mm at most"))
+        rows.append(("left of its path", f"{1e3 * led.left_m:z.0f} mm"))
     print_table(("object", ""), rows)
 
 
@@ -130,8 +131,7 @@ def _print(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> None:
     header = ("phase", "mode", "time [s]", "end errors", "x [mm]", "y [mm]", "heading [rad]")
     rows = []
     for number, phase in enumerate(phases, 1):
-        lasted = f"{phase.time_s[-1] - phase.time_s[0]:z.1f}"
-        first = (str(number), mode_name(phase.mode), lasted)
+        first = str(number), mode_name(phase.mode), f"{phase.time_s[-1] - phase.time_s[0]:z.1f}"
         for words, error in (
             ("of the commands", phase.error),
             ("as bent", phase.error_as_bent),

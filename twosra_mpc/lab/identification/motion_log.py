@@ -166,8 +166,7 @@ def _read(
     clock, wanted = ("time stamp", _UNITS) if wheels else ("time", _of_trial(segments))
     table.check((clock, *wanted), LEAST_ROWS)
     source, values = table.source, table.numbers(*wanted)
-    times = table.texts(clock)
-    time_s = times_of(table, clock)
+    times, time_s = table.texts(clock), times_of(table, clock)
     if not wheels:
         bits = values[:, -segments:]
         for row, column in np.argwhere((bits != 0) & (bits != 1)).tolist():

@@ -33,6 +33,7 @@ class Transport(NamedTuple):
         off_path_mean_m: How far it was from its path, on average along the way, while its place in
             the columns of a path moves, if it is these that say it; None: no path.
         off_path_m: The same at worst.
+        left_m: What it has not come to of its path.
     """
 
     from_s: float
@@ -40,6 +41,7 @@ class Transport(NamedTuple):
     slip_m: float
     off_path_mean_m: float | None
     off_path_m: float | None
+    left_m: float | None
 
 
 def transport(table: CsvTable, path: Path | None = None) -> Transport | None:
@@ -67,13 +69,13 @@ def transport(table: CsvTable, path: Path | None = None) -> Transport | None:
         rows = slice(first + int(moves.argmax()), rows.stop - int(moves[::-1].argmax()))
         points = table.numbers(*ASKED)[rows].tolist()
     if points is None:
-        return Transport(from_s, to_s, slip_m, None, None)
+        return Transport(from_s, to_s, slip_m, None, None, None)
     with reading(table.source, "path"):
         task = Follow(path=points)
     half_m = float(task.line.length_m[-1]) / 2  # a path that is closed begins where it ends
     task = task.with_values(from_m=float(task.line.along(thing[rows][:1, :2], half_m)[0]))
-    off_m = followed(task, *_finely(time_s[rows], thing[rows])).off_m
-    return Transport(from_s, to_s, slip_m, float(off_m.mean()), float(off_m.max()))
+    found = followed(task, *_finely(time_s[rows], thing[rows]))
+    return Transport(from_s, to_s, slip_m, found.off_m.mean(), found.off_m.max(), found.left_m)
 
 
 def _finely(time_s: Array, poses: Array) -> tuple[Array, Array]:
