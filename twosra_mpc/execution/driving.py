@@ -227,7 +227,8 @@ class Driving:
         return POSE_SHARE if self.rigid else ACCEPTED + tighter
 
     def _judged_pose(self) -> Next:
-        if self.bends and self.belief.accuracy.of_pose(self.course.away) > 1.0:
+        moved = self._seen - self.belief.q  # to where it would hold as planned what it holds
+        if self.bends and self.belief.accuracy.of_pose(self.course.away + moved) > 1.0:
             raise AstrayError("the robot is not where it is to bend")
         return self.run.phase_done(self.index)
 
@@ -292,9 +293,8 @@ class Driving:
 
     def _near_enough(self) -> float:
         """Deviation at which the phase may end: no finer than what is believed is certain."""
-        patience = self.patience
-        loose = patience.loose if self.rigid and not self.last else 1.0
-        return min(patience.near_enough * loose, max(self._uncertain(), patience.finest))
+        loose = self.patience.loose if self.rigid and not self.last else 1.0
+        return min(self.patience.near_enough * loose, max(self._uncertain(), self.patience.finest))
 
     def _uncertain(self) -> float:
         """Two standard deviations of what the phase is judged by, in units of the accuracy."""
