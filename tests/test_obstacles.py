@@ -295,7 +295,7 @@ class Line:
         if share < 0.3:
             return None
         if share < 0.6:
-            return np.array([start, (start + goal) / 2 + [0, share, 0], goal])
+            return np.array([start, (start + goal) / 2 + [0, 4 * share, 0], goal])
         return np.array([start, goal])
 
     def time_s(self, poses: Array) -> float:
@@ -347,7 +347,7 @@ def test_the_lazy_search_finds_the_best_of_all_combinations(seed: int) -> None:
 
     def goals(ends: Array) -> Array:
         """Of each end its own, as in a box; on the way to one roads tell of others."""
-        return goal + 0.3 * np.sin(ends)
+        return goal + np.sin(3 * ends)
 
     least = cheapest(start, goals, layers, clear, drivers, hidden)
     shorter = list(chains(start, goals, layers, clear, drivers, hidden, 5000, 500))
