@@ -200,8 +200,8 @@ class Drives:
         return self._roadmaps[headings]
 
     def field(self, pose: Array) -> Field | None:
-        """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
-        headings = self.headings[0]
+        """Times from a pose (3,), or to it, by the finest roads known; None where they miss it."""
+        headings = max(self._roadmaps, default=self.headings[0])
         held = self._few and self.certified_slices(headings).component(pose) is not None
         return self.roadmap(headings).field(*pose) if held else None
 

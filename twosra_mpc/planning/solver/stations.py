@@ -213,26 +213,27 @@ class _Legs:
             self._found[k, i, j] = route
             place = self._place(k, i, j)
             true = float(_cost_s(np.array(driver.time_s(route)), float(self._hidden[k])))
-            longer = true - self._cost[k][place] > _DETOUR_S
-            self._cost[k][place] = true
-            if longer:
-                self._survey(k, driver)
+            about, self._cost[k][place] = self._cost[k][place], true
+            if true - about > _DETOUR_S:
+                self._survey(k, driver, j)
         return True
 
-    def _survey(self, drive: int, driver: Driver) -> None:
-        """Estimate drives from the start, or to the goal, along roads, as one makes a detour."""
+    def _survey(self, drive: int, driver: Driver, goal: int) -> None:
+        """Estimate drives from the start, or to goals, along roads, as one makes a detour.
+
+        To all goals by roads to that one's: from theirs to it is no farther than straight on.
+        """
         first, last = drive == 0, drive == len(self._cost) - 1
-        one, others = (self._leave, self._arrive) if first else (self._arrive, self._leave)
-        if drive in self._surveyed or first == last or np.ptp(one[drive], axis=0).any():
+        if drive in self._surveyed or first == last:
             return
         self._surveyed.add(drive)
-        about_s = driver.estimates_s(one[drive][0], others[drive])
-        longer = _cost_s(about_s, float(self._hidden[drive]))
+        here, there = self._leave[drive], self._arrive[drive]
+        one, own, others = (here[0], here, there) if first else (there[goal], there, here)
+        about_s = driver.estimates_s(one, others) - driver.leg_times_s(own, one)
         cost = self._cost[drive]
-        known = np.zeros(cost.shape, dtype=bool)
-        for place in (self._place(*found) for found in self._found if found[0] == drive):
-            known[place] = True
-        self._cost[drive] = np.where(known, cost, np.maximum(cost, longer))
+        self._cost[drive] = np.maximum(cost, _cost_s(about_s, float(self._hidden[drive])))
+        for known in (self._place(*found) for found in self._found if found[0] == drive):
+            self._cost[drive][known] = cost[known]
 
     def _strike_apart(self, drive: int, driver: Driver) -> None:
         """Never again ask for a drive between what is known to be apart."""
