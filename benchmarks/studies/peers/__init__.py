@@ -50,7 +50,8 @@ class Peers(PlanStudy):
         minlp: Peer 1.
         integral_approximation: Peer 2.
         enumeration: Peer 3.
-        spatial: Peers 4 and 5; ``pip install discopt`` is of no use else.
+        scip: Peer 4.
+        discopt: Peer 5; ``pip install discopt`` is of no use else.
     """
 
     record: ClassVar = TypeAdapter(PlanRecord)
@@ -61,10 +62,8 @@ class Peers(PlanStudy):
     minlp: TimeGridMinlp = TimeGridMinlp()
     integral_approximation: IntegralApproximation = IntegralApproximation()
     enumeration: Enumeration = Enumeration()
-    spatial: tuple[SpatialMinlp, ...] = (
-        SpatialMinlp(solver="SCIP"),
-        SpatialMinlp(solver="discopt"),
-    )
+    scip: SpatialMinlp = SpatialMinlp(solver="SCIP")
+    discopt: SpatialMinlp = SpatialMinlp(solver="discopt")
 
     def peers(self) -> Mapping[str, Peer]:
         """The peers by name."""
@@ -72,7 +71,8 @@ class Peers(PlanStudy):
             "time-grid MINLP": self.minlp,
             "integral approximation": self.integral_approximation,
             "enumeration": self.enumeration,
-            **{peer.solver: peer for peer in self.spatial},
+            "SCIP": self.scip,
+            "discopt": self.discopt,
         }
 
     def cases(self) -> Iterator[Case]:
