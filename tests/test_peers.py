@@ -37,21 +37,13 @@ from twosra_mpc.planning.planner import plan
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.validation import Value
 
-
-class Textbook(Peers):
-    """Our planner and peers that take no fixed time."""
-
-    def peers(self) -> Mapping[str, Peer]:
-        known = super().peers().items()
-        return {name: peer for name, peer in known if not isinstance(peer, SpatialMinlp)}
-
-
-TINY = Textbook(
+TINY = Peers(
     problems=("published:4",),
     minlp=TimeGridMinlp(stages=3, time_limit_s=5.0, longest_stage_s=2.0),
     integral_approximation=IntegralApproximation(stages=6, max_switches=1, dwell_stages=1),
     enumeration=Enumeration(max_phases=2),
 )
+TEXTBOOK = {name for name, peer in TINY.peers().items() if not isinstance(peer, SpatialMinlp)}
 EASY = "paper-4"  # one segment must bend: two phases do
 QUIET = Console(file=io.StringIO())
 
@@ -89,10 +81,12 @@ def easy() -> Problem:
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> dict[str, PlanRecord]:
     """What our planner and the peers did with the easy problem."""
-    return {case.planner: TINY.run(case) for case in TINY.cases() if case.problem == EASY}
+    planners = {OURS, *TEXTBOOK}
+    cases = (case for case in TINY.cases() if case.problem == EASY and case.planner in planners)
+    return {case.planner: TINY.run(case) for case in cases}
 
 
-@pytest.mark.parametrize("peer", TINY.peers())
+@pytest.mark.parametrize("peer", sorted(TEXTBOOK))
 def test_each_peer_solves_an_easy_problem(rows: dict[str, PlanRecord], peer: str) -> None:
     row = rows[peer]
     assert row.status
@@ -122,7 +116,8 @@ def test_the_report_has_a_row_and_a_summary_for_every_peer(
 ) -> None:
     log = open_log("peers", TINY, tmp_path)
     for case in TINY.cases():
-        log.append(case._asdict(), TINY.record.dump_python(rows[case.planner], mode="json"))
+        row = rows.get(case.planner, rows["enumeration"])  # as if others had said the same
+        log.append(case._asdict(), TINY.record.dump_python(row, mode="json"))
     text = write_report(TINY, log, tmp_path)
     for peer in TINY.peers():
         assert f"| paper-4 | {peer} |" in text
@@ -301,10 +296,10 @@ def test_admissible_sequences_are_all_there_is_up_to_resting_rigid_phases() -> N
 
 
 def test_scip_proves_the_least_value_of_a_casadi_function() -> None:
-    """Sine, cosine, quotient, square, modulus and maximum, against all points of a fine grid."""
+    """Of all operations that are told, against all points of a fine grid."""
     x = ca.SX.sym("x", 2)
     value = ca.sin(3 * x[0]) * ca.cos(x[1]) + ca.fabs(x[0] - x[1]) / (2 + x[0] ** 2)
-    value += ca.fmax(x[0] - 1, -x[1]) + 3
+    value += ca.fmax(x[0] - 1, -x[1]) + ca.sqrt(9 + ca.exp(x[1] - 4))
     function, model = ca.Function("f", [x], [value]), ScipModel()
     variables = [model.variable(-2.0, 2.0) for _ in range(2)]
     ((cost,),) = evaluated(function, [variables], model)

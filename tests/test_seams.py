@@ -348,9 +348,9 @@ def test_the_top_level_stays_small() -> None:
 # 25 end looks once they are decided. 230 prove how long fast metal moves by one function of heading
 # and shape; 50 keep what is pushed within its cone and tell what bend a cusp may be; 35 know how
 # firmly wheels hold a bend, so that no sensor is blamed for a shape that nothing bends.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_833, 200
-MOST_LINES = 39_538
-MOST_LINES_OF_TESTS = 32_663
+MOST_CORE_LINES, MOST_CORE_FILES = 29_831, 200
+MOST_LINES = 39_536
+MOST_LINES_OF_TESTS = 32_666
 MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
 
 

@@ -42,6 +42,7 @@ _NONLINEAR: Mapping[int, Operation] = {
     ca.OP_FABS: abs,
     ca.OP_FMAX: lambda a, b: (a + b + abs(a - b)) / 2,
 }
+_FUNCTIONS = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_EXP: "exp", ca.OP_SQRT: "sqrt"}
 
 
 class Model(Protocol):
@@ -66,7 +67,7 @@ class ScipModel:
         import pyscipopt
 
         self._model = pyscipopt.Model()
-        self.functions = {ca.OP_SIN: pyscipopt.sin, ca.OP_COS: pyscipopt.cos}
+        self.functions = {kind: getattr(pyscipopt, name) for kind, name in _FUNCTIONS.items()}
 
     def variable(self, low: float, high: float, binary: bool = False) -> Any:
         """Add a variable."""
@@ -97,7 +98,7 @@ class DiscoptModel:
         import discopt
 
         self._model, self._variables = discopt.Model("peer"), 0
-        self.functions = {ca.OP_SIN: discopt.sin, ca.OP_COS: discopt.cos}
+        self.functions = {kind: getattr(discopt, name) for kind, name in _FUNCTIONS.items()}
 
     def variable(self, low: float, high: float, binary: bool = False) -> Any:
         """Add a variable."""
@@ -205,7 +206,7 @@ def _operated(kind: int, operands: list[Any], model: Model) -> Any:
     """Result of one operation: a number, an expression, or a variable that equals it."""
     numbers = [isinstance(operand, float) for operand in operands]
     if all(numbers):
-        plain = {ca.OP_SIN: math.sin, ca.OP_COS: math.cos}
+        plain = {kind: getattr(math, name) for kind, name in _FUNCTIONS.items()}
         return (_LINEAR | _NONLINEAR | plain)[kind](*operands)
     if kind in _LINEAR:
         return _LINEAR[kind](*operands)
