@@ -111,13 +111,13 @@ def _beside(case: Case, made: PlanRecord, ours: PlanRecord) -> dict[str, Any]:
     """
     cost = made.cost if made.correct else None
     above = cost / ours.cost - 1 if cost and ours.cost and ours.correct else None
-    wall_s, cpu_s = made.timing.median_s, made.timing.cpu_median_s
+    wall_s, cpu_s, bound = made.timing.median_s, made.timing.cpu_median_s, made.lower_bound
     crashed = made.status == CRASHED or made.status.startswith(BROKE_DOWN)
     return {
         **{"problem": case.problem, "peer": case.planner, "record": made, "ours": ours},
         **{"name": f"{case.problem} ({case.planner})", "above": above},
         "crashed": crashed,
-        "proved": made.lower_bound / ours.cost if made.lower_bound and ours.cost else None,
+        "proved": None if bound is None or not ours.cost else bound / ours.cost,
         "wall_s": None if crashed else wall_s,
         "cpu_s": None if crashed else cpu_s,
         "wall_ratio": None if crashed else wall_s / ours.timing.median_s,

@@ -63,9 +63,9 @@ class Stage(NamedTuple):
     Attributes:
         motion: (q, d) -> (inputs v (5,) [m/s, rad/s], four wheel speeds [rad/s]).
         speeds: (q, d) -> (g, dg/dd, dg/dy, bending): speeds, and their derivatives by the step and
-            by the outputs half way, (rows, m).
+            by the outputs half way, (rows, m). Where something is pushed, the twist of b0 comes
+            first [m/s, m/s, rad/s].
         bending: q -> derivative of the moving curvatures by the outputs, (bending, m).
-            Of what is pushed the twist of b0 comes first [m/s, m/s, rad/s].
         limits: Rows of g to keep within one; those left out are then within one by themselves.
         wheels: Wheels that turn in this mode; they are the last rows of g.
     """

@@ -62,10 +62,9 @@ class Measurement(ArrayValue):
     cone: ArrayLike = ()
 
     def __post_init__(self) -> None:
-        q = np.array(self.q, dtype=float)
-        q.setflags(write=False)
-        object.__setattr__(self, "q", q)
-        object.__setattr__(self, "cone", np.array(self.cone, dtype=float).reshape(-1, POSE))
+        cone = np.array(self.cone, dtype=float).reshape(-1, POSE)
+        object.__setattr__(self, "q", _read_only(np.array(self.q, dtype=float)))
+        object.__setattr__(self, "cone", _read_only(cone))
         object.__setattr__(self, "time_s", float(self.time_s))
 
 

@@ -54,7 +54,7 @@ _CLOSE, _HALVINGS, _MOST = 1.04, 5, 3000  # growth that is left, halvings, boxes
 _FINE = 0.05  # rad, and of the largest curvature: boxes of the goal
 _FIXED = 5  # unknowns before the coefficients of V
 _STILL = 1e-300  # 1/m/s: added to rates that may be 0
-_EXACT = 1e-9  # relative allowance for rounding, of motions
+_EXACT = 1e-9  # allowance for rounding of motions, relative or in m/s
 _ROUNDING = 1e-6  # of the bound
 
 _TURN: Array = math.tau / _HEADINGS * np.arange(_HEADINGS, dtype=np.float64)
@@ -143,10 +143,10 @@ class _Program:
 
     @cached_property
     def twists(self) -> Array | None:
-        """Extreme twists of rigid drives, one of each pair; None if nothing limits them."""
+        """Extreme twists of rigid drives, without most opposites; None if nothing limits them."""
         most = tuple(self.most_per_m.tolist())
         found = self.pose.rigid_phase(tuple(-k for k in most), most)
-        return None if found is None else found.motions[found.motions[:, 0] >= 0, :3]
+        return None if found is None else found.motions[found.motions[:, 0] >= -_EXACT, :3]
 
     @cached_property
     def limited(self) -> bool:
