@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -33,7 +34,6 @@ from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
-from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.solver.fixed_sequence import timed, verified
 from twosra_mpc.planning.solver.gentle import gentle
@@ -56,9 +56,8 @@ _UNHINDERED = 1 / 15  # of the limits: what may be spent as if no obstacle were 
 _LOOKS = 40  # along the direct drive
 _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
-# Of a look for a first plan; stages of as many phases are looked at later.
-_WIDTH, _LEAVES, _TRIES, _AT_ONCE, _LONG = 4, 30, 8, 2, 5
-_LEAPS = 500.0  # units of work that are spent to compare sequences of a stage
+_WIDTH, _LEAVES, _TRIES, _AT_ONCE = 4, 30, 8, 2  # of a look for a first plan
+_LEAPS = 10, 1000  # sequences of a stage that are compared: those of two segments up to four phases first
 
 
 @public
@@ -333,19 +332,8 @@ def _drive(tree: Tree[Solved], gap: float) -> Iterator[tuple[float, Solved] | No
 def _look(tree: Tree[Solved], alone: bool) -> tuple[float, Solved] | None:
     """The first of a few promising sequences of all stages; of a single stage the best of them."""
     few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _AT_ONCE if alone else _TRIES}
-
-    def many(node: Node) -> Iterator[Node]:
-        until = spent() + _LEAPS
-        return itertools.takewhile(lambda _: spent() < until, tree.leaps(node))
-
-    def short(node: Node) -> Iterator[Node]:
-        def is_short(leap: Node) -> bool:
-            return not leap.sequences or len(leap.sequences[-1]) < _LONG
-
-        return itertools.takewhile(is_short, many(node))
-
-    for children in (short, many):
-        found = dive(tree, children, **few, out_of_time=out_of_effort)
+    for most in _LEAPS:
+        found = dive(tree, partial(tree.leaps, most=most), **few, out_of_time=out_of_effort)
         some = itertools.islice(found, None if alone else 1)
         if best := min(some, key=lambda each: each[0], default=None):
             return best

@@ -6,6 +6,7 @@ first stage adds.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -320,13 +321,14 @@ class Tree(Generic[Solution]):
             found.insert(0, self.opened(node.variant, (*node.sequences, closed)))
         return found
 
-    def leaps(self, node: Node) -> Iterator[Node]:
-        """Yield the variants, or the stage that is open with each of its sequences, short first."""
+    def leaps(self, node: Node, most: int) -> list[Node]:
+        """The variants, or the stage that is open with each of its first sequences, short first."""
         if node.variant < 0:
-            yield from self.children(node)
-        elif (opened := self.open_stage(node)) is not None:
-            for each in opened[0].sequences(opened[1]):
-                yield self.opened(node.variant, (*node.sequences, each))
+            return self.children(node)
+        if (opened := self.open_stage(node)) is None:
+            return []
+        sequences = itertools.islice(opened[0].sequences(opened[1]), most)
+        return [self.opened(node.variant, (*node.sequences, each)) for each in sequences]
 
     def too_deep(self, node: Node) -> bool:
         """True if the open stage, or its shortest child, has more phases than are opened."""
