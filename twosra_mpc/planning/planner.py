@@ -57,7 +57,7 @@ _LOOKS = 40  # along the direct drive
 _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 _WIDTH, _LEAVES, _TRIES, _AT_ONCE = 4, 30, 8, 2  # of a look for a first plan
-_LEAPS = 10, 1000  # sequences of a stage that are compared: those of two segments up to four phases first
+_LEAPS = 10, 1000  # sequences of a stage that are compared; ten have up to four phases
 
 
 @public
