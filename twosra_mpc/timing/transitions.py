@@ -102,8 +102,10 @@ class TransitionModel(ABC):
 
     def ordered(self, modes: ModeSequence) -> ModeSequence:
         """Modes that take the same times, with segments that are alike in one order."""
+        places = sorted(range(len(self.kinds)), key=self.kinds.__getitem__)
         rows = sorted(zip(self.kinds, *modes, strict=True))
-        return tuple(zip(*(row[1:] for row in rows), strict=True))
+        in_place = sorted(zip(places, rows, strict=True))
+        return tuple(zip(*(row[1:] for _, row in in_place), strict=True))
 
     @property
     @abstractmethod
