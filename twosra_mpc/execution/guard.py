@@ -2,8 +2,9 @@
 
 Looked at are where the robot is believed to be, and where the coming command and coasting after a
 stop would lead, by the model and by how it has moved lately. Too near is `Patience.stop_m` and what
-the belief may be off by; where a rigid drive began nearer than that, half the distance there, so
-that a robot that was stopped can drive away. The edge of the workspace may be touched, as in plans.
+the distance believed may be off by; where a rigid drive began nearer than that, half the distance
+there, so that a robot that was stopped can drive away. The edge of the workspace may be touched, as
+in plans.
 
 A robot that bends is stopped before its parts meet, unless it bends back from there. Objects are
 means of what the camera has seen, made to fit the robot. What is held is proved to be caged as it
@@ -82,7 +83,7 @@ class Guard:
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""
-        self._began_m = self._looked_m(q[None])
+        self._began_m, _ = self._looked_m(q[None], np.zeros_like(q))
 
     def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
         """True if the robot must not go on.
@@ -94,10 +95,11 @@ class Guard:
         """
         if not self._began_m.size:
             self.begin(places[0])
-        least_m = self._least_m(mode, deviation)
+        least_m = self._least_m(mode, self.stop_m(deviation))
         if (self._known_m - self._moved_m(places) >= least_m).all():
             return False
-        return bool((self._looked_m(places) < least_m).any())
+        room_m, stop_m = self._looked_m(places, deviation)
+        return bool((room_m < self._least_m(mode, stop_m)).any())
 
     def pace(self, places: Array, deviation: Array) -> float:
         """Share of the planned speed, 1 from twice the distance that is too near.
@@ -108,14 +110,14 @@ class Guard:
             places: Where it is believed to be, and where it will be soon, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
-        room_m = (self._known_m - self._moved_m(places))[:-1]
-        least_m = 2 * self.stop_m(deviation)
-        if (room_m < least_m).any():
-            room_m = self._looked_m(places)[:-1]
-        return float(np.clip(2 * room_m.min(initial=least_m) / least_m - 1, _SLOWEST, 1.0))
+        room_m, stop_m = self._known_m - self._moved_m(places), self.stop_m(deviation)
+        if (room_m[:-1] >= 2 * stop_m).all():
+            return 1.0
+        room_m, each_m = self._looked_m(places, deviation)
+        return float(np.clip((room_m / each_m)[:-1].min() - 1, _SLOWEST, 1.0))
 
     def stop_m(self, deviation: Array) -> float:
-        """Distance that is too near while the belief has a standard deviation (3 + n,) [m]."""
+        """Largest distance that is too near while the belief has a deviation (3 + n,) [m]."""
         return self._patience.stop_m + self._patience.stop_deviations * self.off_m(deviation)
 
     def off_m(self, away: Array) -> float:
@@ -132,16 +134,23 @@ class Guard:
         """Distance that points of the outline have moved since it was looked at, at most [m]."""
         return float((np.abs(places - self._known_at) @ self._arms_m).max())
 
-    def _looked_m(self, places: Array) -> Array:
-        """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""
-        distances_m = self._around.distances(places)
-        self._known_at, self._known_m = places[0], distances_m[0]
-        return distances_m.min(axis=0)
+    def _looked_m(self, places: Array, deviation: Array) -> tuple[Array, Array]:
+        """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m].
 
-    def _least_m(self, mode: Mode, deviation: Array) -> Array:
+        And those that are too near, by how much nearer the first is where it may be, (k + 1,).
+        """
+        q, patience = places[0], self._patience
+        off = np.diag(patience.stop_deviations * deviation)
+        distances_m = self._around.distances(np.vstack([places, q + off, q - off]))
+        at_m, off_m = np.split(distances_m, [len(places)])
+        self._known_at, self._known_m = q, at_m[0]
+        nearer_m = (at_m[0] - off_m).reshape(2, len(q), -1).max(axis=0, initial=0.0)
+        return at_m.min(axis=0), patience.stop_m + np.linalg.norm(nearer_m, axis=0)
+
+    def _least_m(self, mode: Mode, stop_m: Array | float) -> Array:
         """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""
         patience, began_m = self._patience, self._began_m
-        least_m = np.full(len(began_m), self.stop_m(deviation))
+        least_m = np.broadcast_to(stop_m, began_m.shape).copy()
         if is_rigid(mode):
             way_out_m = np.minimum(np.maximum(_WAY_OUT * began_m, patience.stop_m), began_m)
             least_m = np.minimum(least_m, way_out_m)
