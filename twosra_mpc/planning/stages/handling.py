@@ -13,6 +13,7 @@ import numpy as np
 from twosra_mpc.contact.grip import SURELY, Pulls, PushingCone, caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
+from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.stages.along import (
     BEGUN_RAD,
     Along,
@@ -48,6 +49,7 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _AS_IT_IS_PER_M = 0.1  # from a shape that touches: 0.1 mm over 40 mm
+_NEAR = 0.7  # of the accuracy of shapes: 0.6 mm over 40 mm, of a gap that runs close tighter
 _STILL_M = 1e-12  # of an object in an interval
 _ALIKE = 6  # decimals of m and 1/m
 
@@ -144,7 +146,9 @@ class Handling:
         thing = self.problem.objects[number]
         for touch, room_m in self._grasps(thing, task):
             now = self._shape_at(at)
-            if not task.closes and np.abs(touch.kappa - now).max() < _AS_IT_IS_PER_M:
+            if task.closes:
+                touch, room_m = self._together(touch, room_m, thing, now)
+            elif np.abs(touch.kappa - now).max() < _AS_IT_IS_PER_M:
                 touch = replace(touch, configuration=np.append(touch.configuration[:POSE], now))
             ends = placed(touch, at.poses[number], thing, task.directions_rad)
             if not len(ends.poses):
@@ -161,6 +165,26 @@ class Handling:
                 there = composed(inverse(some[0]), at.poses[number]) if apart else touch.pose_in_b0
                 hold = Hold(number, touch.kappa, there, room_m)
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _together(
+        self, touch: Touch, room_m: float, thing: Object, now: Array
+    ) -> tuple[Touch, float]:
+        """A touch to which all segments close at once from where they are, and its cage's room.
+
+        Where that holds, and is as near as a robot bends: else one would have to bend alone before.
+        """
+        robot = self.problem.robot
+        model, nearest = bending(robot), _NEAR * robot.ends_within.curvature_per_m
+        bent = model.coordinates(now)
+        kappa = model.curvature(bent + (model.coordinates(touch.kappa) - bent).mean())
+        if np.abs(kappa - touch.kappa).max() > nearest:
+            return touch, room_m
+        try:
+            cage = caged(robot.geometry, kappa, thing, touch.pose_in_b0)
+        except InputError:
+            return touch, room_m
+        made = replace(touch, configuration=np.append(touch.configuration[:POSE], kappa))
+        return (made, cage.room_m) if cage.proved else (touch, room_m)
 
     def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
         """True if at the start the object is too far away to be in a robot of that shape."""
