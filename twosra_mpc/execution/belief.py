@@ -450,8 +450,9 @@ class Belief:
         if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return
         ahead_s = (1 + _COASTING) * self.camera.period_s
-        told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
-        places = np.array([self.q, told, self.q + ahead_s * self._rate()])
+        told, lately = self._rolled(mode, self.q, ahead_s * wheel_rad_s), ahead_s * self._rate()
+        lately[POSE:] *= mode  # what is solid does not bend on
+        places = np.array([self.q, told, self.q + lately])
         if guard is not None and guard.forbids(mode, places, self.deviation):
             raise TooNearError(f"stopped {guard.describe(self.q)}")
         if not is_rigid(mode) and bends_into_itself(self.problem.robot, self.q, places):

@@ -49,7 +49,6 @@ _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 _AS_IT_IS_PER_M = 0.1  # from a shape that touches: 0.1 mm over 40 mm
-_NEAR = 0.7  # of the accuracy of shapes: 0.6 mm over 40 mm, of a gap that runs close tighter
 _STILL_M = 1e-12  # of an object in an interval
 _ALIKE = 6  # decimals of m and 1/m
 
@@ -147,7 +146,7 @@ class Handling:
         for touch, room_m in self._grasps(thing, task):
             now = self._shape_at(at)
             if task.closes:
-                touch, room_m = self._together(touch, room_m, thing, now)
+                touch, room_m = self._together(touch, room_m, task, now)
             elif np.abs(touch.kappa - now).max() < _AS_IT_IS_PER_M:
                 touch = replace(touch, configuration=np.append(touch.configuration[:POSE], now))
             ends = placed(touch, at.poses[number], thing, task.directions_rad)
@@ -167,24 +166,30 @@ class Handling:
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
 
     def _together(
-        self, touch: Touch, room_m: float, thing: Object, now: Array
+        self, touch: Touch, room_m: float, task: Grasp, now: Array
     ) -> tuple[Touch, float]:
-        """A touch to which all segments close at once from where they are, and its cage's room.
+        """Where all segments come that close at once until one touches, and the room of that cage.
 
-        Where that holds, and is as near as a robot bends: else one would have to bend alone before.
+        If it is one, and as near to the touch as a robot bends; else one has to bend alone before.
         """
-        robot = self.problem.robot
-        model, nearest = bending(robot), _NEAR * robot.ends_within.curvature_per_m
+        robot, thing = self.problem.robot, self.problem.objects[self._number(task.object)]
+        model = bending(robot)
         bent = model.coordinates(now)
-        kappa = model.curvature(bent + (model.coordinates(touch.kappa) - bent).mean())
-        if np.abs(kappa - touch.kappa).max() > nearest:
+        left = model.coordinates(touch.kappa) - bent
+        kappa = model.curvature(bent + left[np.abs(left).argmin()])
+        if np.abs(kappa - touch.kappa).max() > robot.ends_within.curvature_per_m:
             return touch, room_m
         try:
             cage = caged(robot.geometry, kappa, thing, touch.pose_in_b0)
         except InputError:
             return touch, room_m
         made = replace(touch, configuration=np.append(touch.configuration[:POSE], kappa))
-        return (made, cage.room_m) if cage.proved else (touch, room_m)
+        return (made, cage.room_m) if cage.room_m < self._most_room_m(task) else (touch, room_m)
+
+    def _most_room_m(self, task: Grasp) -> float:
+        """Room of a cage in which an object is not led as exactly as its paths ask; inf: none."""
+        led = follows(self.problem.tasks, task.object).values()
+        return min((each.position_tolerance_m for each in led), default=math.inf)
 
     def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
         """True if at the start the object is too far away to be in a robot of that shape."""
@@ -208,8 +213,7 @@ class Handling:
 
         Where it is led along a path, in those whose room is within the tolerance of the path.
         """
-        led = follows(self.problem.tasks, task.object).values()
-        most_m = min((each.position_tolerance_m for each in led), default=math.inf)
+        most_m = self._most_room_m(task)
         key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold, most_m
         if key in self._known:
             return self._known[key]
