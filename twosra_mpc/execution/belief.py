@@ -29,7 +29,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, is_rigid
 
-_LATELY = 3  # periods whose motion the guard expects to go on
+_LATELY = 6  # periods whose motion the guard expects to go on: in fewer frames' noise is motion
 _COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
