@@ -228,6 +228,23 @@ def test_a_shape_that_the_plan_cannot_mend_is_planned_again() -> None:
     assert run.transitions <= sum(run.begun)
 
 
+class Springy(Pushed):
+    """A robot that springs back when it stands."""
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        super().send(wheel_rad_s, heater_setpoint_C)
+        if self.pushed and not wheel_rad_s.any():
+            self._motion.q, self.push = self.q - self.push, np.zeros(5)
+
+
+def test_segments_that_bend_apart_until_they_rest_are_no_reason_to_plan_again() -> None:
+    robot = Springy(problem("paper-1"), "as-planned")
+    robot.at_mode, robot.push = (1, 1), np.array([0.0, 0.0, 0.0, 12.0, -12.0])
+    run = Executor(robot).run(solution(problem("paper-1")).require())
+    assert run.ending is Ending.REACHED
+    assert run.replans == 0
+
+
 def test_a_pose_that_is_off_at_the_end_is_corrected_without_melting() -> None:
     run = pushed(problem("rigid-move"), (0, 0), [0.02, 0.0, 0.1, 0.0, 0.0])
     assert run.ending is Ending.REACHED

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.execution.controller import AstrayError, Looking, Next, UnseenError, rest
+from twosra_mpc.execution.controller import (
+    AstrayError,
+    Looking,
+    Next,
+    UnseenError,
+    look_once_stopped,
+    rest,
+)
 from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
@@ -113,7 +120,7 @@ class Driving:
             return self.ended()
         self._keep_within()
         if self._unequal() is not None:
-            return self._look(self.patience.certain, self.patience.look_s, self._evened_out)
+            return look_once_stopped(belief, self._evened_out)
         self.mission.check_held()
         slower = 1.0
         if belief.guard is not None:
