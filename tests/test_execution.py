@@ -229,17 +229,25 @@ def test_a_shape_that_the_plan_cannot_mend_is_planned_again() -> None:
 
 
 class Springy(Pushed):
-    """A robot that springs back when it stands."""
+    """A robot that springs when it stands for the first time."""
+
+    at_mode, back = (1, 1), np.zeros(5)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         super().send(wheel_rad_s, heater_setpoint_C)
         if self.pushed and not wheel_rad_s.any():
-            self._motion.q, self.push = self.q - self.push, np.zeros(5)
+            self._motion.q, self.back = self.q + self.back, np.zeros(5)
 
 
-def test_segments_that_bend_apart_until_they_rest_are_no_reason_to_plan_again() -> None:
-    robot = Springy(problem("paper-1"), "as-planned")
-    robot.at_mode, robot.push = (1, 1), np.array([0.0, 0.0, 0.0, 12.0, -12.0])
+@pytest.mark.parametrize(
+    ("push", "back"), [((12.0, -12.0), (-12.0, 12.0)), ((0.0, 0.0), (1.1, 0.2))]
+)
+def test_bends_that_are_apart_until_they_rest_or_right_at_once_need_no_other_plan(
+    push: tuple[float, float], back: tuple[float, float]
+) -> None:
+    seen = replace(LEVELS["none"], camera=LEVELS["mild"].camera)
+    robot = Springy(problem("paper-1"), "as-planned", seen)
+    robot.push, robot.back = np.array([0.0, 0.0, 0.0, *push]), np.array([0.0, 0.0, 0.0, *back])
     run = Executor(robot).run(solution(problem("paper-1")).require())
     assert run.ending is Ending.REACHED
     assert run.replans == 0

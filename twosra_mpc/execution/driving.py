@@ -213,7 +213,7 @@ class Driving:
     def _looked(self) -> Next:
         self._looks += 1
         patience, again = self.patience, self._looks <= self.patience.tries
-        if again and self._off() + self._uncertain() > self._accepted:
+        if again and (self._off() + self._uncertain() > self._accepted or self._mends):
             self._left_s, self._best = self._nearer_s, math.inf
             return self
         if self.rigid:
@@ -222,6 +222,14 @@ class Driving:
         if again and self._coasts and self.belief.deviation[POSE:].max() > fine:
             return self._look(patience.certain_of_a_melt, patience.long_look_s, self._looked)
         return self._judged_bends()
+
+    @property
+    def _mends(self) -> bool:
+        """True if bends miss, and would do so by less if their mean were as planned."""
+        several = len(self.soft) > 1 and not self.closes
+        if not several or self._off() <= self.patience.near_enough:
+            return False
+        return self.belief.accuracy.of_shape(self._predicted_miss()) > ACCEPTED
 
     @property
     def _surely(self) -> float:
