@@ -78,12 +78,13 @@ class Guard:
         for piece in carried:
             farthest_m = float(np.linalg.norm(piece, axis=1).max())
             self._arms_m[2] = max(self._arms_m[2], farthest_m)
-        self._began_m = self._known_m = np.empty(0)
-        self._known_at = problem.start.configuration
+        self._known_at, self._began_m = problem.start.configuration, np.empty(0)
+        self._known_m = np.zeros(len(self._around.names))
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""
-        self._began_m, _ = self._looked_m(q[None], np.zeros_like(q))
+        self._known_m = np.zeros(len(self._around.names))
+        self._began_m, _ = self._room_m(q[None], np.zeros_like(q))
 
     def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
         """True if the robot must not go on.
@@ -95,10 +96,7 @@ class Guard:
         """
         if not self._began_m.size:
             self.begin(places[0])
-        least_m = self._least_m(mode, self.stop_m(deviation))
-        if (self._known_m - self._moved_m(places) >= least_m).all():
-            return False
-        room_m, stop_m = self._looked_m(places, deviation)
+        room_m, stop_m = self._room_m(places, deviation)
         return bool((room_m < self._least_m(mode, stop_m)).any())
 
     def pace(self, places: Array, deviation: Array) -> float:
@@ -110,11 +108,9 @@ class Guard:
             places: Where it is believed to be, and where it will be soon, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
-        room_m, stop_m = self._known_m - self._moved_m(places), self.stop_m(deviation)
-        if (room_m[:-1] >= 2 * stop_m).all():
-            return 1.0
-        room_m, each_m = self._looked_m(places, deviation)
-        return float(np.clip((room_m / each_m)[:-1].min() - 1, _SLOWEST, 1.0))
+        room_m, stop_m = self._room_m(places, deviation, times=2.0)
+        share = (room_m / stop_m)[:-1].min(initial=2.0) - 1
+        return float(np.clip(share, _SLOWEST, 1.0))
 
     def stop_m(self, deviation: Array) -> float:
         """Largest distance that is too near while the belief has a deviation (3 + n,) [m]."""
@@ -130,15 +126,16 @@ class Guard:
         side = "from" if distance_m >= 0 else "beyond"
         return f"{1e3 * abs(distance_m):z.1f} mm {side} {name}"
 
-    def _moved_m(self, places: Array) -> float:
-        """Distance that points of the outline have moved since it was looked at, at most [m]."""
-        return float((np.abs(places - self._known_at) @ self._arms_m).max())
+    def _room_m(self, places: Array, deviation: Array, times: float = 1.0) -> tuple[Array, Array]:
+        """Least room of places (m, 3 + n) to each obstacle and the edges, (k + 1,) [m].
 
-    def _looked_m(self, places: Array, deviation: Array) -> tuple[Array, Array]:
-        """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m].
-
-        And those that are too near, by how much nearer the first is where it may be, (k + 1,).
+        And what is too little: by so much nearer the first is where it may be, (k + 1,). It is
+        looked at unless there is so many times the most that this can be anyway.
         """
+        moved_m = float((np.abs(places - self._known_at) @ self._arms_m).max())
+        room_m, stop_m = self._known_m - moved_m, self.stop_m(deviation)
+        if (room_m >= times * stop_m).all():
+            return room_m, np.full_like(room_m, stop_m)
         q, patience = places[0], self._patience
         off = np.diag(patience.stop_deviations * deviation)
         distances_m = self._around.distances(np.vstack([places, q + off, q - off]))
@@ -147,10 +144,9 @@ class Guard:
         nearer_m = (at_m[0] - off_m).reshape(2, len(q), -1).max(axis=0, initial=0.0)
         return at_m.min(axis=0), patience.stop_m + np.linalg.norm(nearer_m, axis=0)
 
-    def _least_m(self, mode: Mode, stop_m: Array | float) -> Array:
+    def _least_m(self, mode: Mode, stop_m: Array) -> Array:
         """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""
-        patience, began_m = self._patience, self._began_m
-        least_m = np.broadcast_to(stop_m, began_m.shape).copy()
+        patience, began_m, least_m = self._patience, self._began_m, stop_m.copy()
         if is_rigid(mode):
             way_out_m = np.minimum(np.maximum(_WAY_OUT * began_m, patience.stop_m), began_m)
             least_m = np.minimum(least_m, way_out_m)
