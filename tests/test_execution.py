@@ -228,6 +228,34 @@ def test_a_shape_that_the_plan_cannot_mend_is_planned_again() -> None:
     assert run.transitions <= sum(run.begun)
 
 
+class Springy(Pushed):
+    """A robot that springs when it stands for the first time."""
+
+    at_mode, back = (1, 1), np.zeros(5)
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        super().send(wheel_rad_s, heater_setpoint_C)
+        if self.pushed and not wheel_rad_s.any():
+            self._motion.q, self.back = self.q + self.back, np.zeros(5)
+
+
+@pytest.mark.parametrize(
+    ("push", "back"), [((12.0, -12.0), (-12.0, 12.0)), ((0.0, 0.0), (1.1, 0.2))]
+)
+def test_bends_that_are_apart_until_they_rest_or_right_at_once_need_no_other_plan(
+    push: tuple[float, float], back: tuple[float, float]
+) -> None:
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    start |= {"temperature_C": [65.0, 65.0], "melt_fraction": [1.0, 1.0]}
+    task = exactly(problem(start=start, goal={"kappa_per_m": [20.0, 20.0], "mode": [1, 1]}))
+    seen = replace(LEVELS["none"], camera=LEVELS["mild"].camera)
+    robot = Springy(task, "as-planned", seen)
+    robot.push, robot.back = np.array([0.0, 0.0, 0.0, *push]), np.array([0.0, 0.0, 0.0, *back])
+    run = Executor(robot).run(solution(task).require())
+    assert run.ending is Ending.REACHED
+    assert len(run.plans) == 1
+
+
 def test_a_pose_that_is_off_at_the_end_is_corrected_without_melting() -> None:
     run = pushed(problem("rigid-move"), (0, 0), [0.02, 0.0, 0.1, 0.0, 0.0])
     assert run.ending is Ending.REACHED

@@ -92,6 +92,27 @@ def test_no_healthy_robot_is_stopped(seed: int) -> None:
     assert found.hottest_C < 80.0
 
 
+@pytest.mark.parametrize("melts_at", [-1.0, 1.0])
+@pytest.mark.parametrize("warms", [-1.0, 1.0])
+def test_metal_that_freezes_as_quickly_as_any_is_healthy(melts_at: float, warms: float) -> None:
+    """Nothing is seen of it on the plateau, and then it is solid sooner than was believed."""
+    belief = begun()
+    kinds, quick = belief.kinds, np.zeros((1, belief.kinds.size))
+    ends = {"latent_J": -1.0, "loss_W_per_K": 1.0, "resistance_ohm": -1.0, "ambient_C": -1.0}
+    ends |= {"heat_solid_J_per_K": warms, "melting_point_C": melts_at}
+    quick[0, : len(kinds.names)] = [ends.get(name, 0.0) for name in kinds.names]
+    quick[0, kinds.either] = 1.0
+    metal, misfits = kinds.begun(quick, kinds.start(AIR_C, AIR_C)), []
+    molten = False
+    while metal.shown_C[0] > 50.0 or not molten:
+        molten |= bool(metal.level[0] >= 1.02 * kinds.nominal.liquid_level)
+        heat = OFF if molten or belief.cut else FULL
+        metal = metal.warmed(heat)
+        belief = belief.take(heat, float(metal.shown_C[0]))
+        misfits.append(belief.misfit)
+    assert max(misfits) < 0.5
+
+
 # Of the last ones few healthy segments show the readings: the heater rests, goes on, and rests.
 @pytest.mark.parametrize(
     ("lie", "seed"),

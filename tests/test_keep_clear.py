@@ -232,3 +232,22 @@ def test_tasks_that_are_done_are_not_asked_for_again() -> None:
     assert tasks_left((first, second), path) == (second,)
     assert tasks_left((second, first), path) == ()
     assert tasks_left((first, second), path[:2]) == (first, second)
+
+
+def test_a_robot_goes_on_where_it_is_surely_clear_and_only_there() -> None:
+    """Drawn where it may be: one in a thousand is beyond three deviations of a distance."""
+    rng, problem = np.random.default_rng(0), drive(obstacles=[WALL])
+    guard, around = Guard(problem, Patience()), Proximity(problem.world, ROBOT.geometry)
+    beside, along = np.array([[0.0, 0.02, 0.0, 0.0, 0.0]]), np.array([9e-3, 0.0, 0.0, 0.0, 0.0])
+    assert not guard.forbids((1, 0), beside, along)  # nor by doubt along the wall
+    went, met = 0, []
+    for _ in range(60):
+        turned, *bent = rng.uniform(-1.0, 1.0, 3) * [0.3, 20.0, 20.0]
+        q = np.array([0.2, rng.uniform(-0.04, 0.02), turned, *bent])
+        deviation = rng.uniform(0.0, 1.0, 5) * [2e-3, 2e-3, 0.01, 1.0, 1.0]
+        if not guard.forbids((1, 1), q[None], deviation):
+            went += 1
+            may_be = q + deviation * rng.standard_normal((40, 5))
+            met.append(around.distances(may_be)[:, 0] < 0)
+    assert 10 < went < 50
+    assert np.mean(met) < 2e-3

@@ -421,6 +421,16 @@ def test_what_is_pushed_needs_no_cage() -> None:
     assert made.sequence[-1] == RIGID
 
 
+def test_segments_that_are_not_quite_alike_close_together_and_none_is_bent_alone_before() -> None:
+    def closed(*kappa: float) -> Plan:
+        start = {"x_m": -0.2, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": kappa}
+        return check_mission(plan(mission(GRASP, start=start, objects=[cup(0.03)])))
+
+    alike, uneven, far = closed(0.0, 0.0), closed(0.4, -0.4), closed(4.0, -4.0)
+    assert uneven.sequence == alike.sequence != far.sequence
+    assert uneven.duration_s == pytest.approx(alike.duration_s, rel=0.02)
+
+
 def test_a_mission_goes_on_with_the_object_in_hand() -> None:
     made = solved("pick-and-place").require()
     at = np.array([made.trajectory.done_s[0]])

@@ -29,7 +29,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, is_rigid
 
-_LATELY = 3  # periods whose motion the guard expects to go on
+_LATELY = 6  # periods whose motion the guard expects to go on: in fewer frames' noise is motion
 _COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
@@ -450,8 +450,9 @@ class Belief:
         if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return
         ahead_s = (1 + _COASTING) * self.camera.period_s
-        told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
-        places = np.array([self.q, told, self.q + ahead_s * self._rate()])
+        told, lately = self._rolled(mode, self.q, ahead_s * wheel_rad_s), ahead_s * self._rate()
+        lately[POSE:] *= mode  # what is solid does not bend on
+        places = np.array([self.q, told, self.q + lately])
         if guard is not None and guard.forbids(mode, places, self.deviation):
             raise TooNearError(f"stopped {guard.describe(self.q)}")
         if not is_rigid(mode) and bends_into_itself(self.problem.robot, self.q, places):

@@ -121,6 +121,11 @@ def _never() -> bool:
     return False
 
 
+def look_once_stopped(belief: Belief, then: Callable[[], Next]) -> Looking:
+    """A look at a robot that was stopped, when it has come to rest."""
+    return Looking(belief, _never, _STOPPED_S, then)
+
+
 def look_at_objects(belief: Belief, then: Callable[[], Next]) -> Next:
     """A look at objects alone, if there are any."""
     if belief.objects is None:
@@ -209,8 +214,7 @@ class Controller:
         """Stand, and look where that is, before anything is done about a trouble."""
         belief, policy = self.belief, self.policy
         if isinstance(trouble, TooNearError):
-            then = partial(policy.troubled, trouble)
-            return Looking(belief, _never, _STOPPED_S, then)
+            return look_once_stopped(belief, partial(policy.troubled, trouble))
         if isinstance(trouble, DoubtError):
             belief.doubt_segments(trouble.segments)
         return policy.troubled(trouble)

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.execution.controller import AstrayError, Looking, Next, UnseenError, rest
+from twosra_mpc.execution.controller import (
+    AstrayError,
+    Looking,
+    Next,
+    UnseenError,
+    look_once_stopped,
+    rest,
+)
 from twosra_mpc.execution.robot_interface import Command, still
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement
@@ -112,6 +119,8 @@ class Driving:
         if (over and off <= self._near_enough()) or self._left_s <= 0.0:
             return self.ended()
         self._keep_within()
+        if self._unequal() is not None:
+            return look_once_stopped(belief, self._evened_out)
         self.mission.check_held()
         slower = 1.0
         if belief.guard is not None:
@@ -204,7 +213,7 @@ class Driving:
     def _looked(self) -> Next:
         self._looks += 1
         patience, again = self.patience, self._looks <= self.patience.tries
-        if again and self._off() + self._uncertain() > self._accepted:
+        if again and (self._off() + self._uncertain() > self._accepted or self._mends):
             self._left_s, self._best = self._nearer_s, math.inf
             return self
         if self.rigid:
@@ -213,6 +222,14 @@ class Driving:
         if again and self._coasts and self.belief.deviation[POSE:].max() > fine:
             return self._look(patience.certain_of_a_melt, patience.long_look_s, self._looked)
         return self._judged_bends()
+
+    @property
+    def _mends(self) -> bool:
+        """True if bends miss, and would do so by less if their mean were as planned."""
+        several = len(self.soft) > 1 and not self.closes
+        if not several or self._off() <= self.patience.near_enough:
+            return False
+        return self.belief.accuracy.of_shape(self._predicted_miss()) > ACCEPTED
 
     @property
     def _surely(self) -> float:
@@ -313,9 +330,8 @@ class Driving:
         return shares if self.rigid else shares[-1:]
 
     def _keep_within(self) -> None:
-        """Leave the plan where the robot has left its corridor, or soft segments bend apart."""
-        belief, patience = self.belief, self.patience
-        away, soft = self.course.away, self.soft
+        """Leave the plan where the robot has left its corridor."""
+        belief, patience, away = self.belief, self.patience, self.course.away
         turn, far_m = float(away[2]), math.hypot(away[0], away[1])
         lost = far_m > patience.corridor_m or abs(turn) > patience.corridor_rad
         if self.rigid and belief.guard is not None:
@@ -325,17 +341,28 @@ class Driving:
                 self.run.stalled.add(self.phase.mode)
             there = f"{1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad"
             raise AstrayError(f"the robot is {there} from the plan")
+
+    def _evened_out(self) -> Next:
+        """Go on if soft segments bend alike at rest: a fibre that is bent quickly lags."""
+        if (unequal := self._unequal()) is not None:
+            raise unequal
+        return self
+
+    def _unequal(self) -> AstrayError | None:
+        """What is wrong if soft segments bend apart; None if nothing is."""
+        soft = self.soft
         if not soft or self.closes:  # what it closes round may bend them apart
-            return
-        kappa, asked = belief.q[POSE:][soft], self.course.planned[POSE:][soft]
+            return None
+        kappa, asked = self.belief.q[POSE:][soft], self.course.planned[POSE:][soft]
         uneven = asked - asked.mean()
         left = np.clip((kappa - kappa.mean()) @ uneven / max(uneven @ uneven, _ROUNDING), 0.0, 1.0)
         apart = float(np.ptp(kappa - left * uneven)) / 2  # more than bends that have evened out
-        bent = (belief.q - self.begun)[POSE:][soft]
-        if apart > max(patience.stiff_per_m, _STIFF * abs(float(bent.mean()))):
-            text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
-            stiff = bool(np.ptp(np.abs(bent)) > _STIFF * np.abs(bent).max())  # or both have bent
-            raise AstrayError(text, stiff=stiff, missed=self.phase.mode)
+        bent = (self.belief.q - self.begun)[POSE:][soft]
+        if apart <= max(self.patience.stiff_per_m, _STIFF * abs(float(bent.mean()))):
+            return None
+        text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
+        stiff = bool(np.ptp(np.abs(bent)) > _STIFF * np.abs(bent).max())  # or both have bent
+        return AstrayError(text, stiff=stiff, missed=self.phase.mode)
 
     def _predicted_miss(self) -> Array:
         """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""

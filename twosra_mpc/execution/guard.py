@@ -2,8 +2,9 @@
 
 Looked at are where the robot is believed to be, and where the coming command and coasting after a
 stop would lead, by the model and by how it has moved lately. Too near is `Patience.stop_m` and what
-the belief may be off by; where a rigid drive began nearer than that, half the distance there, so
-that a robot that was stopped can drive away. The edge of the workspace may be touched, as in plans.
+the distance believed may be off by; where a rigid drive began nearer than that, half the distance
+there, so that a robot that was stopped can drive away. The edge of the workspace may be touched, as
+in plans.
 
 A robot that bends is stopped before its parts meet, unless it bends back from there. Objects are
 means of what the camera has seen, made to fit the robot. What is held is proved to be caged as it
@@ -77,12 +78,13 @@ class Guard:
         for piece in carried:
             farthest_m = float(np.linalg.norm(piece, axis=1).max())
             self._arms_m[2] = max(self._arms_m[2], farthest_m)
-        self._began_m = self._known_m = np.empty(0)
-        self._known_at = problem.start.configuration
+        self._known_at, self._began_m = problem.start.configuration, np.empty(0)
+        self._known_m = np.zeros(len(self._around.names))
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""
-        self._began_m = self._looked_m(q[None])
+        self._known_m = np.zeros(len(self._around.names))
+        self._began_m, _ = self._room_m(q[None], np.zeros_like(q))
 
     def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
         """True if the robot must not go on.
@@ -94,10 +96,8 @@ class Guard:
         """
         if not self._began_m.size:
             self.begin(places[0])
-        least_m = self._least_m(mode, deviation)
-        if (self._known_m - self._moved_m(places) >= least_m).all():
-            return False
-        return bool((self._looked_m(places) < least_m).any())
+        room_m, stop_m = self._room_m(places, deviation)
+        return bool((room_m < self._least_m(mode, stop_m)).any())
 
     def pace(self, places: Array, deviation: Array) -> float:
         """Share of the planned speed, 1 from twice the distance that is too near.
@@ -108,14 +108,12 @@ class Guard:
             places: Where it is believed to be, and where it will be soon, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
-        room_m = (self._known_m - self._moved_m(places))[:-1]
-        least_m = 2 * self.stop_m(deviation)
-        if (room_m < least_m).any():
-            room_m = self._looked_m(places)[:-1]
-        return float(np.clip(2 * room_m.min(initial=least_m) / least_m - 1, _SLOWEST, 1.0))
+        room_m, stop_m = self._room_m(places, deviation, times=2.0)
+        share = (room_m / stop_m)[:-1].min(initial=2.0) - 1
+        return float(np.clip(share, _SLOWEST, 1.0))
 
     def stop_m(self, deviation: Array) -> float:
-        """Distance that is too near while the belief has a standard deviation (3 + n,) [m]."""
+        """Largest distance that is too near while the belief has a deviation (3 + n,) [m]."""
         return self._patience.stop_m + self._patience.stop_deviations * self.off_m(deviation)
 
     def off_m(self, away: Array) -> float:
@@ -128,20 +126,27 @@ class Guard:
         side = "from" if distance_m >= 0 else "beyond"
         return f"{1e3 * abs(distance_m):z.1f} mm {side} {name}"
 
-    def _moved_m(self, places: Array) -> float:
-        """Distance that points of the outline have moved since it was looked at, at most [m]."""
-        return float((np.abs(places - self._known_at) @ self._arms_m).max())
+    def _room_m(self, places: Array, deviation: Array, times: float = 1.0) -> tuple[Array, Array]:
+        """Least room of places (m, 3 + n) to each obstacle and the edges, (k + 1,) [m].
 
-    def _looked_m(self, places: Array) -> Array:
-        """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""
-        distances_m = self._around.distances(places)
-        self._known_at, self._known_m = places[0], distances_m[0]
-        return distances_m.min(axis=0)
+        And what is too little: by so much nearer the first is where it may be, (k + 1,). It is
+        looked at unless there is so many times the most that this can be anyway.
+        """
+        moved_m = float((np.abs(places - self._known_at) @ self._arms_m).max())
+        room_m, stop_m = self._known_m - moved_m, self.stop_m(deviation)
+        if (room_m >= times * stop_m).all():
+            return room_m, np.full_like(room_m, stop_m)
+        q, patience = places[0], self._patience
+        off = np.diag(patience.stop_deviations * deviation)
+        distances_m = self._around.distances(np.vstack([places, q + off, q - off]))
+        at_m, off_m = np.split(distances_m, [len(places)])
+        self._known_at, self._known_m = q, at_m[0]
+        nearer_m = (at_m[0] - off_m).reshape(2, len(q), -1).max(axis=0, initial=0.0)
+        return at_m.min(axis=0), patience.stop_m + np.linalg.norm(nearer_m, axis=0)
 
-    def _least_m(self, mode: Mode, deviation: Array) -> Array:
+    def _least_m(self, mode: Mode, stop_m: Array) -> Array:
         """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""
-        patience, began_m = self._patience, self._began_m
-        least_m = np.full(len(began_m), self.stop_m(deviation))
+        patience, began_m, least_m = self._patience, self._began_m, stop_m.copy()
         if is_rigid(mode):
             way_out_m = np.minimum(np.maximum(_WAY_OUT * began_m, patience.stop_m), began_m)
             least_m = np.minimum(least_m, way_out_m)

@@ -39,6 +39,7 @@ _SURELY = 2.5  # deviations; metal may be so much hotter
 CLEARLY = 0.5  # deviations; of what metal is beyond a plateau: neighbours do not err so much alike
 _DEVIATION = 0.7  # by which others are off: as far as it matters, and within it all is smooth
 _FAR, _FAR_K, _OFTEN = 2.0, 0.35, 5  # ranges, and distance, from which all is made anew; readings
+_LEVELLED = 100.0  # times as well as it is known: a level to begin a search from
 _STARTS, _ROUNDS = (0.0, -2.0, 2.0, -5.0, 5.0), 4  # deviations of the metal's heat, in doubt
 _BEFORE_LIMIT_K, _COOLED_K = 2.0, 3.0  # the heater goes off before the limit, and on again
 _AHEAD_S = 1.0  # until the next reading the heater may go on
@@ -350,16 +351,19 @@ class HeatBelief(ArrayValue):
     def _fitted(self, points: Array) -> Fit:
         return _fit(self.kinds, self.start, self.covariance, points, self.since)
 
-    def _hotter(self) -> Array:
-        """Most probable direction in which metal is hotter, by one deviation, (p,)."""
+    def _hotter(self, deviations: Array) -> Array:
+        """Most probable kinds within the ranges whose metal is hotter by so much (s,), (s, p)."""
         _, (slope,) = self.fit.slopes(self.fit.segments.level)
-        toward: Array = self.covariance @ slope
-        return toward / math.sqrt(float(slope @ toward))
+        weight = _LEVELLED / float(slope @ self.covariance @ slope)  # as if the level were seen
+        covariance = _inverse(_inverse(self.covariance) + weight * np.outer(slope, slope))
+        told = np.outer(deviations, slope * math.sqrt(_LEVELLED * weight))
+        low, high = -_ENDS - self.most_probable, _ENDS - self.most_probable
+        return self.most_probable + [_within(covariance, each, low, high) for each in told]
 
     def _searched(self, shown_C: float) -> HeatBelief:
         """Search the most probable kind by Gauss-Newton steps; in doubt, from several starts."""
         starts = np.array(_STARTS if self.off_K > _FAR_K else _STARTS[:1])
-        points = np.clip(self.most_probable + np.outer(starts, self._hotter()), -_ENDS, _ENDS)
+        points = self._hotter(starts)
         best, (least,) = self.fit, self.fit.solved(self.prior)[2]
         for _ in range(_ROUNDS):
             fit = self._fitted(points)
@@ -382,8 +386,7 @@ class HeatBelief(ArrayValue):
         now = replace(self, surely=_SURELY)
         if hot := now._hot(self.cut):
             reaches = np.linspace(0.0, _SURELY, 11)
-            points = now.most_probable + np.outer(reaches, now._hotter())
-            _, _, cost, _ = now._fitted(np.clip(points, -_ENDS, _ENDS)).solved(self.prior)
+            _, _, cost, _ = now._fitted(now._hotter(reaches)).solved(self.prior)
             now = replace(now, surely=float(reaches[cost <= cost[0] + _SURELY**2].max()))
             hot = now._hot(self.cut)
         now = replace(now, told=now._told())

@@ -41,7 +41,7 @@ class Patience(Value):
         corridor_rad: The same for its heading.
         stiff_per_m: A curvature farther from the plan is of metal that is not yet all liquid.
         stop_m: Nearer to an obstacle no robot drives, however sure it is of where it is.
-        stop_deviations: So many standard deviations of its outline it stays farther away.
+        stop_deviations: So many standard deviations of that distance it stays farther away.
         narrow_m: Corridor of the outline of rigid drives where something is around.
         listen_s: How long a robot is listened to for its first temperature reports.
         silent_s: A segment that has not reported for so long, or not readably, is an error.
@@ -75,7 +75,9 @@ class Patience(Value):
     corridor_rad: Positive = 1.0
     stiff_per_m: Positive = 5.0
     stop_m: Positive = 0.002
-    stop_deviations: Positive = 3.0  # in all 8 mm in rigid drives and 11 in soft ones at `moderate`
+    stop_deviations: Positive = (
+        3.0  # in all 8 mm in rigid drives, 11 in soft ones at `moderate` at most
+    )
     narrow_m: Positive = 0.02
     listen_s: Positive = 5.0  # five reports of the follow-up robot
     silent_s: Positive = 5.0  # five reports missed

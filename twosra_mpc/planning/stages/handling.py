@@ -13,6 +13,7 @@ import numpy as np
 from twosra_mpc.contact.grip import SURELY, Pulls, PushingCone, caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
+from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.stages.along import (
     BEGUN_RAD,
     Along,
@@ -144,7 +145,9 @@ class Handling:
         thing = self.problem.objects[number]
         for touch, room_m in self._grasps(thing, task):
             now = self._shape_at(at)
-            if not task.closes and np.abs(touch.kappa - now).max() < _AS_IT_IS_PER_M:
+            if task.closes:
+                touch, room_m = self._together(touch, room_m, task, now)
+            elif np.abs(touch.kappa - now).max() < _AS_IT_IS_PER_M:
                 touch = replace(touch, configuration=np.append(touch.configuration[:POSE], now))
             ends = placed(touch, at.poses[number], thing, task.directions_rad)
             if not len(ends.poses):
@@ -161,6 +164,32 @@ class Handling:
                 there = composed(inverse(some[0]), at.poses[number]) if apart else touch.pose_in_b0
                 hold = Hold(number, touch.kappa, there, room_m)
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _together(
+        self, touch: Touch, room_m: float, task: Grasp, now: Array
+    ) -> tuple[Touch, float]:
+        """Where all segments come that close at once until one touches, and the room of that cage.
+
+        If it is one, and as near to the touch as a robot bends; else one has to bend alone before.
+        """
+        robot, thing = self.problem.robot, self.problem.objects[self._number(task.object)]
+        model = bending(robot)
+        bent = model.coordinates(now)
+        left = model.coordinates(touch.kappa) - bent
+        kappa = model.curvature(bent + left[np.abs(left).argmin()])
+        if np.abs(kappa - touch.kappa).max() > robot.ends_within.curvature_per_m:
+            return touch, room_m
+        try:
+            cage = caged(robot.geometry, kappa, thing, touch.pose_in_b0)
+        except InputError:
+            return touch, room_m
+        made = replace(touch, configuration=np.append(touch.configuration[:POSE], kappa))
+        return (made, cage.room_m) if cage.room_m < self._most_room_m(task) else (touch, room_m)
+
+    def _most_room_m(self, task: Grasp) -> float:
+        """Room of a cage in which an object is not led as exactly as its paths ask; inf: none."""
+        led = follows(self.problem.tasks, task.object).values()
+        return min((each.position_tolerance_m for each in led), default=math.inf)
 
     def _apart(self, kappa: Array, thing: Object, pose: Array) -> bool:
         """True if at the start the object is too far away to be in a robot of that shape."""
@@ -184,8 +213,7 @@ class Handling:
 
         Where it is led along a path, in those whose room is within the tolerance of the path.
         """
-        led = follows(self.problem.tasks, task.object).values()
-        most_m = min((each.position_tolerance_m for each in led), default=math.inf)
+        most_m = self._most_room_m(task)
         key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold, most_m
         if key in self._known:
             return self._known[key]
