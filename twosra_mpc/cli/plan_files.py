@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -34,9 +34,11 @@ _ROUNDING = 1e-9  # relative
 
 
 @options.command("verify")
-@click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=options.SOURCE)
-@click.option("--proof", is_flag=True, help="Prove the lower bound anew by the certificates.")
-def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
+def verify_command(
+    plans: Annotated[tuple[str, ...], options.argument("PLAN...", type=options.SOURCE)],
+    proof: Annotated[bool, options.option("Prove the lower bound anew by the certificates.")],
+    output: Output,
+) -> int:
     """Check PLAN files independently of what they say of themselves.
 
     The samples are integrated again by another method, and every rule is tested for the robot and
@@ -133,10 +135,12 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
 
 
 @options.command("resample")
-@click.argument("plan", type=options.FILE)
-@options.out_argument(options.ending(".csv", ".json"))
-@options.rate_option("Ticks per second.", required=True)
-def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> None:
+def resample_command(
+    plan: Annotated[Path, options.argument()],
+    out: Annotated[Path, options.out_argument(options.ending(".csv", ".json"))],
+    rate_Hz: Annotated[float, options.rate("Ticks per second.")],
+    output: Output,
+) -> None:
     """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
 
     CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
@@ -165,10 +169,14 @@ _FILM_S = options.Finite(1.0, 120.0)
 
 
 @options.command("animate")
-@click.argument("plan", type=options.FILE)
-@options.out_argument(options.film)
-@click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
-def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
+def animate_command(
+    plan: Annotated[Path, options.argument()],
+    out: Annotated[Path, options.out_argument(options.film)],
+    seconds: Annotated[
+        float, options.option("Length of the animation [s].", type=_FILM_S, default=12.0)
+    ],
+    output: Output,
+) -> int:
     """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
 
     Waits are compressed, motion is slowed down, and a clock shows the time.

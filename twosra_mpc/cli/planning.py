@@ -7,13 +7,14 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from twosra_mpc import plotting
 from twosra_mpc.checking.followed import OFF_PATH, plan_off_words
 from twosra_mpc.cli import options
+from twosra_mpc.cli.options import written
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.installation import require
 from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
@@ -26,21 +27,16 @@ from twosra_mpc.robot.modes import mode_name
 
 
 @options.command("plan")
-@click.argument("scenario", **options.SCENARIO)
-@options.file_option("--out", "Write the plan as JSON.", options.ending(".json"))
-@options.file_option("--csv", "Write the set-points as CSV.", options.ending(".csv"))
-@options.rate_option("Rows per second of --csv; default: the plan's grid.")
-@options.plot_option("Draw the plan")
-@click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
-@options.scenario_options()
 def plan_command(
-    scenario: str,
-    out: Path | None,
-    csv: Path | None,
-    rate_Hz: float | None,
-    plot: Path | None,
-    proof: bool,
-    load: options.Load,
+    scenario: options.Scenario,
+    out: Annotated[Path | None, written("Write the plan as JSON.", options.ending(".json"))],
+    csv: Annotated[Path | None, written("Write the set-points as CSV.", options.ending(".csv"))],
+    rate_Hz: Annotated[
+        float | None, options.rate("Rows per second of --csv; default: the plan's grid.")
+    ],
+    plot: Annotated[Path | None, options.plotted("Draw the plan")],
+    proof: Annotated[bool, options.option("Add a certificate that proves the bound anew.")],
+    load: Annotated[options.Load, options.overrides()],
     output: Output,
 ) -> int:
     """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from twosra_mpc import plotting
 from twosra_mpc.checking.followed import OFF_PATH, off_words
 from twosra_mpc.cli import options
+from twosra_mpc.cli.options import option, word
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import Ending, times
@@ -29,38 +30,29 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
 _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
+_EXECUTOR = "Follow an optimal plan, or act by the greedy rule."
 
 
 @options.command("simulate")
-@click.argument("scenario", **options.SCENARIO)
-@options.word_option("--plant", f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")
-@click.option("--viewer", is_flag=True, help="Watch the first run of plant mujoco.")
-@options.word_option(
-    "--disturbance", f"How far from its description: {_LEVELS}.", LEVELS, default="moderate"
-)
-@click.option("--seed", type=options.SEED, default=0, help="Of all that is drawn.")
-@options.choice_option(
-    "Follow an optimal plan, or act by the greedy rule.", EXECUTORS, "--executor"
-)
-@click.option("--runs", type=click.IntRange(1), default=1, help="Run as many robots, and sum up.")
-@click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
-@options.scenario_options("planner", "max_phases")
-@options.file_option("--out", "Write the (first) run as JSON.")
-@options.plot_option("Draw it")
-@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.film)
 def simulate_command(
-    scenario: str,
-    plant: str,
-    disturbance: str,
-    seed: int,
-    executor: str,
-    runs: int,
-    broken: tuple[int, ...],
-    viewer: bool,
-    load: options.Load,
-    out: Path | None,
-    plot: Path | None,
-    animate: Path | None,
+    scenario: options.Scenario,
+    plant: Annotated[str, word(f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")],
+    viewer: Annotated[bool, option("Watch the first run of plant mujoco.")],
+    disturbance: Annotated[
+        str, word(f"How far from its description: {_LEVELS}.", LEVELS, default="moderate")
+    ],
+    seed: Annotated[int, option("Of all that is drawn.", type=options.SEED, default=0)],
+    executor: Annotated[str, option(_EXECUTOR, type=click.Choice(EXECUTORS), default="optimal")],
+    runs: Annotated[
+        int, option("Run as many robots, and sum up.", type=click.IntRange(1), default=1)
+    ],
+    broken: Annotated[tuple[int, ...], option("Number of a segment.", "--broken-heater")],
+    load: Annotated[options.Load, options.overrides("planner", "max_phases")],
+    out: Annotated[Path | None, options.written("Write the (first) run as JSON.")],
+    plot: Annotated[Path | None, options.plotted("Draw it")],
+    animate: Annotated[
+        Path | None, options.written("Film it (gif; mp4 with ffmpeg).", options.film)
+    ],
     output: Output,
 ) -> int:
     """Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
-from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
+from twosra_mpc.cli.options import SCENARIO, Load, argument, command, overrides, plotted
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.files import attributes
@@ -24,11 +24,11 @@ EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
 
 @command("compare")
-@click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...", **SCENARIO)
-@scenario_options("planner", "max_phases", "risk")
-@plot_option("Draw them on one time axis")
 def compare_command(
-    scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output
+    scenarios: Annotated[tuple[str, ...], argument("SCENARIO...", **SCENARIO)],
+    load: Annotated[Load, overrides("planner", "max_phases", "risk")],
+    plot: Annotated[Path | None, plotted("Draw them on one time axis")],
+    output: Output,
 ) -> int:
     """Plan every SCENARIO by this planner and by the greedy rule, side by side.
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
-from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
+from twosra_mpc.cli.options import argument, command, ending, option, plotted, written
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import numbers_in
@@ -22,40 +22,26 @@ from twosra_mpc.lab.photographs.study import (
     summary,
 )
 
+_TOWARDS = "A point [px] at the end the segment is followed to: positive is bent left on the way."
+
 
 @command("estimate-curvature")
-@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=FILE)
-@click.option("--scale", "scale_m", type=float, required=True, help="Width of a pixel [m].")
-@click.option("--length", "length_m", type=float, required=True, help="Of the segment [m].")
-@click.option(
-    "--towards",
-    required=True,
-    metavar="X,Y",
-    help="A point [px] at the end the segment is followed to: positive is bent left on the way.",
-)
-@click.option("--threshold", type=float, default=120.0, help="Grey value that the segment exceeds.")
-@click.option(
-    "--reference",
-    "references",
-    multiple=True,
-    type=FILE,
-    help="CSV file of reference curvatures; one for each folder.",
-)
-@click.option("--column", default="kappa_per_m", help="Its column of curvatures [1/m].")
-@file_option("--csv", "Write a row a picture.", ending(".csv"))
-@plot_option("Draw five pictures, and the estimates over the references")
-@click.option("--figures", type=FILE, help="Draw every picture into this folder (png).")
 def estimate_curvature_command(
-    folders: tuple[Path, ...],
-    scale_m: float,
-    length_m: float,
-    towards: str,
-    threshold: float,
-    references: tuple[Path, ...],
-    column: str,
-    csv: Path | None,
-    plot: Path | None,
-    figures: Path | None,
+    folders: Annotated[tuple[Path, ...], argument("FOLDER...")],
+    scale_m: Annotated[float, option("Width of a pixel [m].", "--scale")],
+    length_m: Annotated[float, option("Of the segment [m].", "--length")],
+    towards: Annotated[str, option(_TOWARDS, metavar="X,Y")],
+    threshold: Annotated[float, option("Grey value that the segment exceeds.", default=120.0)],
+    references: Annotated[
+        tuple[Path, ...],
+        option("CSV file of reference curvatures; one for each folder.", "--reference"),
+    ],
+    column: Annotated[str, option("Its column of curvatures [1/m].", default="kappa_per_m")],
+    csv: Annotated[Path | None, written("Write a row a picture.", ending(".csv"))],
+    plot: Annotated[
+        Path | None, plotted("Draw five pictures, and the estimates over the references")
+    ],
+    figures: Annotated[Path | None, option("Draw every picture into this folder (png).")],
     output: Output,
 ) -> None:
     """Estimate the curvature of the segment that shines in each thermal photograph of FOLDER.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
@@ -16,9 +16,11 @@ from twosra_mpc.plans.plan import Status
 
 
 @options.command("explain")
-@click.argument("scenario", **options.SCENARIO)
-@options.scenario_options("planner", "max_phases")
-def explain_command(scenario: str, load: options.Load, output: Output) -> int:
+def explain_command(
+    scenario: options.Scenario,
+    load: Annotated[options.Load, options.overrides("planner", "max_phases")],
+    output: Output,
+) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
     Every other plan is found by planning again: the next best mode sequence, each mode forbidden,

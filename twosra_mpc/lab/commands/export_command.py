@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-
-import click
+from typing import Annotated
 
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Output
@@ -37,14 +36,16 @@ def _chain(source: str) -> tuple[Robot, str]:
 _OF_ROBOTS = {".xml": _world, ".urdf": _chain}
 _OF_PLANS = {".mcap": save_ros2_bag, ".csv": save_authors_csv}
 
+_RATE = "CSV: rows per second. MCAP: samples per second besides the plan's own."
+
 
 @options.command("export")
-@click.argument("source", metavar="PLAN|ROBOT|SCENARIO", **options.ROBOT)
-@robot_line.ACCEPT_PAPER_WHEELS
-@options.out_argument(options.ending(*_OF_PLANS, *_OF_ROBOTS))
-@options.rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
 def export_command(
-    source: str, accept_paper_wheels: bool, out: Path, rate_Hz: float | None, output: Output
+    source: Annotated[str, options.argument("PLAN|ROBOT|SCENARIO", **options.ROBOT)],
+    accept_paper_wheels: robot_line.AcceptPaperWheels,
+    out: Annotated[Path, options.out_argument(options.ending(*_OF_PLANS, *_OF_ROBOTS))],
+    rate_Hz: Annotated[float | None, options.rate(_RATE)],
+    output: Output,
 ) -> None:
     """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Literal
 
-import click
 import tomlkit
 
-from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
+from twosra_mpc.cli.options import RobotName, command, option, plotted, written
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.bench.singular_shapes import (
@@ -24,16 +24,17 @@ from twosra_mpc.lab.identification.path_fitting import (
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.robot.description import Robot, load_robot, robot_document
 
-_FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
-
 
 @command("fit-paths")
-@click.argument("robot", **ROBOT)
-@file_option("--out", "Write a robot file with the fit.")
-@choice_option("Which fit goes into --out.", _FITTED, "--model")
-@plot_option("Draw exact and fitted paths")
 def fit_paths_command(
-    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
+    robot: RobotName,
+    out: Annotated[Path | None, written("Write a robot file with the fit.")],
+    model: Annotated[
+        Literal["log_spiral_corrected", "log_spiral", "cardioid"],
+        option("Which fit goes into --out.", default="log_spiral_corrected"),
+    ],
+    plot: Annotated[Path | None, plotted("Draw exact and fitted paths")],
+    output: Output,
 ) -> None:
     """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 
@@ -107,8 +108,7 @@ def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, mod
 
 
 @command("check-robot")
-@click.argument("robot", **ROBOT)
-def check_robot_command(robot: str, output: Output) -> None:
+def check_robot_command(robot: RobotName, output: Output) -> None:
     """Check ROBOT (a name or a file) and report shapes in which its wheels lose control.
 
     \b

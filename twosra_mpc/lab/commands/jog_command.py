@@ -7,10 +7,11 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Annotated
 
 import click
 
-from twosra_mpc.cli.options import ROBOT, command
+from twosra_mpc.cli.options import ROBOT, command, option
 from twosra_mpc.cli.output import Exit, Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
@@ -25,35 +26,27 @@ _KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1  # of what a key asks for, a crawl
 
 
 @command("jog")
-@robot_line.PORT
-@robot_line.DRY_RUN
-@click.option("--robot", "name", required=True, help="A built-in name or a file.", **ROBOT)
-@click.option("--forward", "along", type=float, help="Along x of its middle link [m/s].")
-@click.option("--sideways", "across", type=float, help="Along y of it [m/s].")
-@click.option("--turn", type=float, help="Turning rate [rad/s].")
-@click.option(
-    "--wheel",
-    "wheels",
-    type=(click.IntRange(1, WHEELS), float),
-    multiple=True,
-    help="Number of a wheel, and its speed [rad/s], besides the rest.",
-)
-@click.option("--heat", type=int, multiple=True, help="Number of a segment to heat.")
-@click.option("--for", "duration_s", type=float, metavar="S", help="For how long; else by keys.")
-@click.option("--cold", is_flag=True, help="The segments are as cold as the air.")
-@robot_line.ROBOT_ID
 def jog_command(
-    port: str | None,
-    dry_run: bool,
-    name: str,
-    along: float | None,
-    across: float | None,
-    turn: float | None,
-    wheels: tuple[tuple[int, float], ...],
-    heat: tuple[int, ...],
-    duration_s: float | None,
-    cold: bool,
-    robot_id: int | None,
+    port: robot_line.PortName,
+    dry_run: robot_line.DryRun,
+    name: Annotated[str, option("A built-in name or a file.", "--robot", **ROBOT)],
+    along: Annotated[float | None, option("Along x of its middle link [m/s].", "--forward")],
+    across: Annotated[float | None, option("Along y of it [m/s].", "--sideways")],
+    turn: Annotated[float | None, option("Turning rate [rad/s].")],
+    wheels: Annotated[
+        tuple[tuple[int, float], ...],
+        option(
+            "Number of a wheel, and its speed [rad/s], besides the rest.",
+            "--wheel",
+            type=(click.IntRange(1, WHEELS), float),
+        ),
+    ],
+    heat: Annotated[tuple[int, ...], option("Number of a segment to heat.")],
+    duration_s: Annotated[
+        float | None, option("For how long; else by keys.", "--for", metavar="S")
+    ],
+    cold: Annotated[bool, option("The segments are as cold as the air.")],
+    robot_id: robot_line.RobotId,
     output: Output,
 ) -> int:
     """Drive a robot by hand, a little at a time: the first thing to do with a new one.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Annotated
 
-import click
 import numpy as np
 import tomlkit
 
-from twosra_mpc.cli.options import FILE, ROBOT, command, file_option
+from twosra_mpc.cli.options import ROBOT, argument, command, option, written
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.run import load_run
@@ -22,13 +22,14 @@ _WITHIN = {"joint_splits": (-0.95, 0.95), "joint_relaxations": (0.0, 1.0)}
 
 
 @command("learn")
-@click.argument("runs", type=FILE, nargs=-1, required=True)
-@click.option(
-    "--robot", help="Whose runs these are: a name or a file; default: as in them.", **ROBOT
-)
-@file_option("--out", "Write a robot file with what is learned.")
 def learn_command(
-    runs: tuple[Path, ...], robot: str | None, out: Path | None, output: Output
+    runs: Annotated[tuple[Path, ...], argument()],
+    robot: Annotated[
+        str | None,
+        option("Whose runs these are: a name or a file; default: as in them.", **ROBOT),
+    ],
+    out: Annotated[Path | None, written("Write a robot file with what is learned.")],
+    output: Output,
 ) -> None:
     """Learn from RUNS, files of "twosra simulate" or of your robot, how joint bends go.
 

@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Literal
 
-import click
-
-from twosra_mpc.cli.options import FILE, Finite, choice_option, command, ending, file_option
+from twosra_mpc.cli.options import Finite, argument, command, ending, option, written
 from twosra_mpc.cli.output import Output
 from twosra_mpc.files import write_json
 
-_LENGTH, _AREA = Finite(min=0.0), Finite(min=0.0)
+_SIZE = Finite(min=0.0)
 
 
 @command("import-map")
-@click.argument("map_file", metavar="MAP", type=FILE)
-@file_option("--out", "Write the obstacles (GeoJSON).", ending(".geojson", ".json"))
-@choice_option("What to take cells for that are neither.", ("occupied", "free"), "--unknown")
-@click.option("--tolerance", type=_LENGTH, metavar="M", help="How far walls may grow; one cell.")
-@click.option(
-    "--least-area", type=_AREA, default=0.0, metavar="M2", help="Leave out specks that are smaller."
-)
 def import_map_command(
-    map_file: Path,
-    out: Path | None,
-    unknown: str,
-    tolerance: float | None,
-    least_area: float,
+    map_file: Annotated[Path, argument("MAP")],
+    out: Annotated[
+        Path | None, written("Write the obstacles (GeoJSON).", ending(".geojson", ".json"))
+    ],
+    unknown: Annotated[
+        Literal["occupied", "free"],
+        option("What to take cells for that are neither.", default="occupied"),
+    ],
+    tolerance: Annotated[
+        float | None, option("How far walls may grow; one cell.", type=_SIZE, metavar="M")
+    ],
+    least_area: Annotated[
+        float, option("Leave out specks that are smaller.", type=_SIZE, default=0.0, metavar="M2")
+    ],
     output: Output,
 ) -> None:
     """Turn MAP, a map of ROS (map.yaml beside its image), into obstacles.

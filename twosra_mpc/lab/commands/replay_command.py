@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from twosra_mpc.checking.followed import OFF_PATH, off_words
-from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
+from twosra_mpc.cli.options import ROBOT, argument, command, option, plotted
 from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
@@ -22,21 +22,16 @@ from twosra_mpc.robot.modes import mode_name
 
 
 @command("replay")
-@click.argument("log", type=FILE)
-@click.option("--robot", required=True, help="Which robot: a built-in name or a file.", **ROBOT)
-@click.option("--path-model", help="Predict by this path model, e.g. arc; default: the robot's.")
-@click.option("--wheels", help="Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.")
-@click.option("--mode", help="Mode of a log of wheels, e.g. 1,0.")
-@click.option("--path", type=FILE, help="Path of the object in the log: CSV or SVG.")
-@plot_option("Draw every phase as measured and as predicted")
 def replay_command(
-    log: Path,
-    robot: str,
-    path_model: str | None,
-    wheels: str | None,
-    mode: str | None,
-    path: Path | None,
-    plot: Path | None,
+    log: Annotated[Path, argument()],
+    robot: Annotated[str, option("Which robot: a built-in name or a file.", **ROBOT)],
+    path_model: Annotated[
+        str | None, option("Predict by this path model, e.g. arc; default: the robot's.")
+    ],
+    wheels: Annotated[str | None, option("Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.")],
+    mode: Annotated[str | None, option("Mode of a log of wheels, e.g. 1,0.")],
+    path: Annotated[Path | None, option("Path of the object in the log: CSV or SVG.")],
+    plot: Annotated[Path | None, plotted("Draw every phase as measured and as predicted")],
     output: Output,
 ) -> None:
     """Predict the phases of a LOG, and say how far off they end.

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-
-import click
+from typing import Annotated
 
 from twosra_mpc.checking.plan_file import checked_text
 from twosra_mpc.cli import options
@@ -14,9 +13,11 @@ from twosra_mpc.lab import report
 
 
 @options.command("report")
-@click.argument("plan", type=options.FILE)
-@options.out_argument(options.ending(".html", ".htm"))
-def report_command(plan: Path, out: Path, output: Output) -> None:
+def report_command(
+    plan: Annotated[Path, options.argument()],
+    out: Annotated[Path, options.out_argument(options.ending(".html", ".htm"))],
+    output: Output,
+) -> None:
     """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 
     The page needs nothing else and asks nothing of any network: send it as it is. It has the plan

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
-from twosra_mpc.cli.options import FILE, choice_option, command
+from twosra_mpc.cli.options import argument, command, option
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import check_writable
@@ -24,40 +24,26 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @command("reproduce")
-@click.option(
-    *("--out", "-o", "folder"), required=True, type=_FOLDER, help="Folder for the report."
-)
-@click.option("--data", type=FILE, help="Folder with hardware/, curvature/, or clones in it.")
-@click.option("--logs", type=FILE, help="Folder of logs of trials, instead of hardware/.")
-@click.option("--photographs", type=FILE, help="Folder of photographs, instead of curvature/.")
-@click.option("--simulations", type=FILE, help="The authors' simulations, a CSV file or clone.")
-@click.option("--column", default="k1", help="Column of reference curvatures [1/m].")
-@click.option(
-    *("--scale", "scale_m"),
-    type=float,
-    default=PAPER_CAMERA.scale_m,
-    show_default=False,
-    help="Width of a pixel [m].  [default: 0.00476]",
-)
-@click.option(
-    *("--length", "length_m"),
-    type=float,
-    default=PAPER_CAMERA.length_m,
-    help="Of the segment in them [m].",
-)
-@click.option("--towards", metavar="X,Y", default="37,34", help="Pixel at its end to follow it to.")
-@click.option("--problems", type=int, default=100, help="Random problems of each kind.")
 def reproduce_command(
-    folder: Path,
-    data: Path | None,
-    logs: Path | None,
-    photographs: Path | None,
-    simulations: Path | None,
-    column: str,
-    scale_m: float,
-    length_m: float,
-    towards: str,
-    problems: int,
+    folder: Annotated[Path, option("Folder for the report.", "--out", "-o", type=_FOLDER)],
+    data: Annotated[Path | None, option("Folder with hardware/, curvature/, or clones in it.")],
+    logs: Annotated[Path | None, option("Folder of logs of trials, instead of hardware/.")],
+    photographs: Annotated[Path | None, option("Folder of photographs, instead of curvature/.")],
+    simulations: Annotated[Path | None, option("The authors' simulations, a CSV file or clone.")],
+    column: Annotated[str, option("Column of reference curvatures [1/m].", default="k1")],
+    scale_m: Annotated[
+        float,
+        option(
+            "Width of a pixel [m].", "--scale", default=PAPER_CAMERA.scale_m, show_default="0.00476"
+        ),
+    ],
+    length_m: Annotated[
+        float, option("Of the segment in them [m].", "--length", default=PAPER_CAMERA.length_m)
+    ],
+    towards: Annotated[
+        str, option("Pixel at its end to follow it to.", metavar="X,Y", default="37,34")
+    ],
+    problems: Annotated[int, option("Random problems of each kind.", default=100)],
     output: Output,
 ) -> None:
     """Compare the robot's paper with what comes of it here: every figure, table and claim.
@@ -125,9 +111,13 @@ def _print(report: PaperReport, folder: Path) -> None:
 
 
 @command("figures")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@choice_option("Of the files.", ("png", "pdf", "svg"), "--format", "ending")
-def figures_command(folder: Path, ending: str, output: Output) -> None:
+def figures_command(
+    folder: Annotated[Path, argument(type=_FOLDER)],
+    ending: Annotated[
+        Literal["png", "pdf", "svg"], option("Of the files.", "--format", default="png")
+    ],
+    output: Output,
+) -> None:
     """Draw the figures of the paper anew, from our own runs, into FOLDER.
 
     \b

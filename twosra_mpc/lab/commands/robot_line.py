@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Annotated, TypeAlias
 
 import click
 
 from twosra_mpc.checking.plan_file import load_plan
+from twosra_mpc.cli.options import option
 from twosra_mpc.cli.output import Exit
 from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.lab.serial.port import SerialPort, open_serial_port
@@ -17,16 +19,17 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.description import Robot
 
-PORT = click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")
-DRY_RUN = click.option("--dry-run", is_flag=True, help="Print times and lines; needs no port.")
-ROBOT_ID = click.option(
-    "--robot-id",
-    type=click.IntRange(min=0),
-    help="Sent at the end of each line, instead of the robot file's.",
-)
-ACCEPT_PAPER_WHEELS = click.option(
-    "--accept-paper-wheels", is_flag=True, help="Take the paper's wheel map as well."
-)
+PortName: TypeAlias = Annotated[
+    str | None, option("Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.", "--port")
+]
+DryRun: TypeAlias = Annotated[bool, option("Print times and lines; needs no port.")]
+RobotId: TypeAlias = Annotated[
+    int | None,
+    option(
+        "Sent at the end of each line, instead of the robot file's.", type=click.IntRange(min=0)
+    ),
+]
+AcceptPaperWheels: TypeAlias = Annotated[bool, option("Take the paper's wheel map as well.")]
 
 
 def check_line(port: str | None, dry_run: bool) -> None:

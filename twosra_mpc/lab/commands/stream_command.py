@@ -5,10 +5,11 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Literal
 
 import click
 
-from twosra_mpc.cli.options import FILE, command, ending, file_option
+from twosra_mpc.cli.options import argument, command, ending, option, written
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.lab.commands import robot_line
@@ -21,41 +22,31 @@ from twosra_mpc.planning.policy import relies
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
+_RATE = "Commands (and camera frames) per second; the default is the authors' controller's."
+
 
 @command("stream")
-@click.argument("source", metavar="PLAN", type=FILE)
-@robot_line.ACCEPT_PAPER_WHEELS
-@robot_line.PORT
-@robot_line.DRY_RUN
-@click.option(
-    "--rate",
-    "rate_Hz",
-    type=float,
-    metavar="HZ",
-    default=RATE_HZ,
-    help="Commands (and camera frames) per second; the default is the authors' controller's.",
-)
-@click.option(
-    "--confirm",
-    type=click.Choice([choice.value for choice in Confirm]),
-    default=Confirm.REQUIRED.value,
-    help="Whether phases begin by temperature reports, or at the plan's times.",
-)
-@click.option("--camera", metavar="-|PORT", help="Follow poses: standard input, or a UDP port.")
-@click.option("--markers", type=FILE, help="Poses are those of markers on the robot (.toml).")
-@file_option("--log", "Write what was sent and reported, as a run (.json).", ending(".json"))
-@robot_line.ROBOT_ID
 def stream_command(
-    source: Path,
-    accept_paper_wheels: bool,
-    port: str | None,
-    dry_run: bool,
-    rate_Hz: float,
-    confirm: str,
-    camera: str | None,
-    markers: Path | None,
-    log: Path | None,
-    robot_id: int | None,
+    source: Annotated[Path, argument("PLAN")],
+    accept_paper_wheels: robot_line.AcceptPaperWheels,
+    port: robot_line.PortName,
+    dry_run: robot_line.DryRun,
+    rate_Hz: Annotated[float, option(_RATE, "--rate", metavar="HZ", default=RATE_HZ)],
+    confirm: Annotated[
+        Literal["required", "never"],
+        option(
+            "Whether phases begin by temperature reports, or at the plan's times.",
+            default="required",
+        ),
+    ],
+    camera: Annotated[
+        str | None, option("Follow poses: standard input, or a UDP port.", metavar="-|PORT")
+    ],
+    markers: Annotated[Path | None, option("Poses are those of markers on the robot (.toml).")],
+    log: Annotated[
+        Path | None, written("Write what was sent and reported, as a run (.json).", ending(".json"))
+    ],
+    robot_id: robot_line.RobotId,
     output: Output,
 ) -> int:
     """Send PLAN to a robot over a serial line, and switch the robot off at the end.

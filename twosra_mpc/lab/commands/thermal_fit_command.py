@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import click
 import tomlkit
 from tomlkit.items import AoT, Table
 
-from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, argument, command, option, plotted, written
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.files import attributes, write_text
 from twosra_mpc.keys import describe
@@ -35,46 +35,22 @@ Outcome = tuple[Fit, TwoNodeSegment, list[str]]  # with the robot's own segment,
 _WARM_K = 1.0  # a first reading this far above the air is worth a word
 _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
+_HELD_OUT = "Score the fit on this log too, with nothing fitted to it; may be given several times."
+_READINGS = "LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...)."
+_SEGMENT = "Which one, of a robot whose file lists its segments."
+
 
 @command("fit-thermal")
-@click.argument("log", type=FILE)
-@click.option(
-    "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
-)
-@click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
-@file_option("--out", "Write a robot file with the fit.")
-@plot_option("Draw the fit")
-@click.option(
-    "--held-out",
-    "others",
-    multiple=True,
-    type=FILE,
-    help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
-)
-@click.option(
-    "--readings",
-    type=FILE,
-    help="LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...).",
-)
-@click.option(
-    "--segment",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Which one, of a robot whose file lists its segments.",
-)
-@click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
 def fit_thermal_command(
-    log: Path,
-    robot: str,
-    ambient_C: float | None,
-    out: Path | None,
-    plot: Path | None,
-    others: tuple[Path, ...],
-    readings: Path | None,
-    segment: int,
-    only_score: bool,
+    log: Annotated[Path, argument()],
+    robot: Annotated[str, option("Whose segment it is: a built-in name or a file.", **ROBOT)],
+    ambient_C: Annotated[float | None, option("Air [C]; default: the first reading.", "--ambient")],
+    out: Annotated[Path | None, written("Write a robot file with the fit.")],
+    plot: Annotated[Path | None, plotted("Draw the fit")],
+    others: Annotated[tuple[Path, ...], option(_HELD_OUT, "--held-out")],
+    readings: Annotated[Path | None, option(_READINGS)],
+    segment: Annotated[int, option(_SEGMENT, type=click.IntRange(min=1), default=1, metavar="N")],
+    only_score: Annotated[bool, option("Only score the robot as it is.", "--score")],
     output: Output,
 ) -> None:
     """Identify the segments of a robot from LOG, a CSV file of heating and cooling, or of melts.
