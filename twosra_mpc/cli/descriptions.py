@@ -90,8 +90,8 @@ class _New(NewFile):
 def new_command(
     kind: Annotated[Kind, argument()],
     path: Annotated[Path, argument("NAME", type=_New())],
-    source: Annotated[str | None, option("Copy it.", "--from", metavar="BUILT_IN", **_COMPLETED)],
-    force: Annotated[bool, option("Replace a file that is there.")],
+    source: Annotated[str | None, option("--from", metavar="BUILT_IN", **_COMPLETED)],
+    force: bool,
     output: Output,
 ) -> None:
     """Write a scenario, a robot or a batch to start from: NAME, with or without .toml.
@@ -110,6 +110,10 @@ def new_command(
       twosra new robot my-2sr --from 2sr-v2
     Many problems at once:
       twosra new batch many
+
+    Options:
+        source: Copy it.
+        force: Replace a file that is there.
     """
     text = _text(kind, source, path.stem)
     if os.path.isfile(path) and not force:

@@ -1,11 +1,13 @@
-"""Arguments of commands, each declared once: its annotation says which option sets it.
+"""Arguments of commands, each declared once: the option that sets it follows from its annotation.
 
-Some are shared: overrides of a scenario, and files that are checked before any work.
+Its help stands in the docstring of the command. Some are shared: overrides of a scenario, and files
+that are checked before any work.
 """
 
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import re
@@ -21,13 +23,14 @@ from twosra_mpc import files, plotting
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.installation import install_command
+from twosra_mpc.keys import stem_of
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 
 Check = Callable[[Path], object]  # raises InputError where a file may not be written
 Load = Callable[..., Problem]
-Declared = Callable[[str, Any], list[click.Parameter]]  # of an argument's name and annotation
+Declared = Callable[[str, Any, str], list[click.Parameter]]  # of an argument's name, type, words
 
 
 class Source(click.types.StringParamType):
@@ -92,23 +95,22 @@ class NewFile(click.Path):
 SOURCE, FILE = Source(), File()
 
 
-def option(words: str, *names: str, **settings: Any) -> Declared:
+def option(*names: str, **settings: Any) -> Declared:
     """Declare the option that sets an argument; ``--out`` is ``-o``, too.
 
     Its type is that of the annotation: a bool is a flag, and a tuple may be given several times.
     What may be None or has a default need not be given.
 
     Args:
-        words: Its help.
-        names: What is typed; default: the argument's name.
+        names: What is typed; default: the argument's name, without its unit.
         settings: Of click's option.
     """
 
-    def declared(name: str, annotation: Any) -> list[click.Parameter]:
+    def declared(name: str, annotation: Any, words: str) -> list[click.Parameter]:
         typed, several, free = _typed(annotation)
         needed = not (free or several or "is_flag" in typed or "default" in settings)
         given = {"multiple": several, "required": needed, "help": words, **typed, **settings}
-        usual = f"--{name.replace('_', '-')}", *["-o"] * (name == "out")
+        usual = f"--{stem_of(name).replace('_', '-')}", *["-o"] * (name == "out")
         return [click.Option([name, *(names or usual)], **given)]
 
     return declared
@@ -117,7 +119,7 @@ def option(words: str, *names: str, **settings: Any) -> Declared:
 def argument(metavar: str | None = None, **settings: Any) -> Declared:
     """Declare an argument by its place; of a tuple there is at least one."""
 
-    def declared(name: str, annotation: Any) -> list[click.Parameter]:
+    def declared(name: str, annotation: Any, _words: str) -> list[click.Parameter]:
         typed, several, _ = _typed(annotation)
         places = {"nargs": -1 if several else 1, "required": "default" not in settings}
         return [click.Argument([name], metavar=metavar, **places, **typed | settings)]
@@ -154,9 +156,17 @@ def _built_in(folder: str) -> dict[str, Any]:
     return {"shell_complete": completed(names, or_file=True), "type": SOURCE}
 
 
-def word(words: str, usual: Iterable[str], **settings: Any) -> Declared:
-    """Declare an option that completes usual words; whoever takes it refuses others by name."""
-    return option(words, shell_complete=completed(lambda: usual), **settings)
+def word(usual: Iterable[str], **settings: Any) -> Declared:
+    """Declare an option that completes usual words; whoever takes it refuses others by name.
+
+    Its help names them in the place of ``{}``.
+    """
+
+    def declared(name: str, annotation: Any, words: str) -> list[click.Parameter]:
+        settings["shell_complete"] = completed(lambda: usual)
+        return option(**settings)(name, annotation, words.format(", ".join(usual)))
+
+    return declared
 
 
 SCENARIO, ROBOT = _built_in("scenarios"), _built_in("robots")
@@ -166,42 +176,67 @@ SEED = click.IntRange(min=0)
 
 _EXTRA = re.compile(r"\{(\w+)\}")
 TIMINGS = ("nominal", "constant", "paper")  # of the built-in robots
-_MODELS = f"Override the robot's path model: {', '.join(PATH_MODELS)}."
-_TIMES = f"Override the transition times: {', '.join(TIMINGS)}, or the robot's own."
-_WORK = "Stop the search after so much work; 1000 units are about a second."
-_SECONDS = "Stop it after so much CPU time, whatever it has done [s]."
-_RISK = "What counts of uncertain time: nominal, mean, or 0.9."
 
 
 class _Overrides:
-    """Options that override keys of a scenario file, its ``path_model`` and its ``exact``."""
+    """Options that override keys of a scenario file, its ``path_model`` and its ``exact``.
 
-    planner: Annotated[Literal["optimal", "greedy"] | None, option("Override the scenario.")]
-    robot: Annotated[str | None, option("Override it: a built-in name or a file.", **ROBOT)]
-    path_model: Annotated[str | None, word(_MODELS, PATH_MODELS)]
-    timing: Annotated[str | None, word(_TIMES, TIMINGS)]
-    gap: Annotated[float | None, option("Relative gap to stop at, e.g. 0.01.")]
-    work_limit: Annotated[float | None, option(_WORK)]
-    time_limit_s: Annotated[float | None, option(_SECONDS, "--time-limit")]
-    risk: Annotated[float | str | None, option(_RISK, type=Risk())]
-    max_phases: Annotated[int | None, option("Longest mode sequence searched.")]
-    exact: Annotated[bool | None, option("Meet the goal exactly.")]
+    Options:
+        planner: Override the scenario.
+        robot: Override it: a built-in name or a file.
+        path_model: Override the robot's path model: {}.
+        timing: Override the transition times: {}, or the robot's own.
+        gap: Relative gap to stop at, e.g. 0.01.
+        work_limit: Stop the search after so much work; 1000 units are about a second.
+        time_limit_s: Stop it after so much CPU time, whatever it has done [s].
+        risk: What counts of uncertain time: nominal, mean, or 0.9.
+        max_phases: Longest mode sequence searched.
+        exact: Meet the goal exactly.
+    """
+
+    planner: Literal["optimal", "greedy"] | None
+    robot: Annotated[str | None, option(**ROBOT)]
+    path_model: Annotated[str | None, word(PATH_MODELS)]
+    timing: Annotated[str | None, word(TIMINGS)]
+    gap: float | None
+    work_limit: float | None
+    time_limit_s: float | None
+    risk: Annotated[float | str | None, option(type=Risk())]
+    max_phases: int | None
+    exact: bool | None
 
 
 class _Shared:
-    """Options of every command."""
+    """Options of every command.
 
-    as_json: Annotated[bool, option("Print JSON instead of tables.", "--json")]
-    quiet: Annotated[bool, option("Print errors only; see the exit code.", "--quiet", "-q")]
-    debug: Annotated[bool, option("Show where in the program a bug is.", expose_value=False)]
+    Options:
+        as_json: Print JSON instead of tables.
+        quiet: Print errors only; see the exit code.
+        debug: Show where in the program a bug is.
+    """
+
+    as_json: Annotated[bool, option("--json")]
+    quiet: Annotated[bool, option("--quiet", "-q")]
+    debug: Annotated[bool, option(expose_value=False)]
+
+
+def _documented(of: object) -> tuple[str, dict[str, str]]:
+    """Docstring without its options, and what it says of each of them."""
+    text, _, options = (inspect.getdoc(of) or "").partition("\n\nOptions:\n")
+    said = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", options, re.MULTILINE)
+    return text, {name: " ".join(words.split()) for name, words in said}
 
 
 def _declared(of: object, *without: str) -> list[click.Parameter]:
     """Parameters of click by the annotations of a function or a class."""
-    hints = get_type_hints(of, include_extras=True).items()
-    known = [(name, *get_args(hint)) for name, hint in hints if hasattr(hint, "__metadata__")]
-    made = (declare(name, kind) for name, kind, declare in known if name not in without)
-    return [parameter for each in made for parameter in each]
+    _, words = _documented(of)
+    found = list[click.Parameter]()
+    for name, hint in get_type_hints(of, include_extras=True).items():
+        declare = getattr(hint, "__metadata__", (option(),))[0]
+        kind = get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
+        if name not in (*without, "output", "return"):
+            found += declare(name, kind, words.get(name, ""))
+    return found
 
 
 def overrides(*without: str) -> Declared:
@@ -210,7 +245,7 @@ def overrides(*without: str) -> Declared:
     Args:
         without: Those that there are not.
     """
-    return lambda _name, _annotation: _declared(_Overrides, *without)
+    return lambda _name, _annotation, _words: _declared(_Overrides, *without)
 
 
 def command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
@@ -235,7 +270,8 @@ def command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
                 output = Output(as_json=as_json and free, quiet=quiet or not free)
                 return function(output=output, **given)
 
-        words = _EXTRA.sub(lambda found: install_command(found[1]), function.__doc__ or "")
+        words, _ = _documented(function)
+        words = _EXTRA.sub(lambda found: install_command(found[1]), words)
         made = click.command(name, help=words)(run)
         made.params += _declared(function) + _declared(_Shared)
         return made
@@ -268,7 +304,7 @@ def out_argument(check: Check) -> Declared:
 
     unseen: dict[str, Any] = {"hidden": True, "is_eager": True, "expose_value": False}
     named = click.Option(["-o", "--out", "_"], callback=told, **unseen)
-    return lambda name, _annotation: [named, click.Argument([name], type=NewFile(check))]
+    return lambda name, _annotation, _words: [named, click.Argument([name], type=NewFile(check))]
 
 
 def ending(*allowed: str) -> Check:
@@ -276,9 +312,9 @@ def ending(*allowed: str) -> Check:
     return lambda target: files.ending_of(target, *allowed)
 
 
-def written(words: str, *checks: Check) -> Declared:
+def written(*checks: Check) -> Declared:
     """Declare an option for a file to write."""
-    return option(words, type=NewFile(*checks))
+    return option(type=NewFile(*checks))
 
 
 def figure(target: Path) -> None:
@@ -291,19 +327,17 @@ def film(target: Path) -> None:
     plotting.check_animation_path(target)
 
 
-def plotted(words: str) -> Declared:
-    """Declare an option for a figure."""
-    return written(f"{words} (png, pdf, svg).", figure)
+Plot: TypeAlias = Annotated[Path | None, written(figure)]
 
 
-def rate(words: str) -> Declared:
-    """Declare ``--rate`` for rows of set-points per second [Hz]."""
+def _checked_rate(
+    _ctx: click.Context, _param: click.Parameter, rate_Hz: float | None
+) -> float | None:
+    if rate_Hz is not None:
+        from twosra_mpc.plans.trajectory import check_rate  # CasADi takes a second
 
-    def checked(_ctx: click.Context, _param: click.Parameter, rate: float | None) -> float | None:
-        if rate is not None:
-            from twosra_mpc.plans.trajectory import check_rate  # CasADi takes a second
+        check_rate(rate_Hz)
+    return rate_Hz
 
-            check_rate(rate)
-        return rate
 
-    return option(words, "--rate", metavar="HZ", callback=checked)
+RATE = option("--rate", metavar="HZ", callback=_checked_rate)  # rows of set-points per second

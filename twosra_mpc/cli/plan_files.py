@@ -36,7 +36,7 @@ _ROUNDING = 1e-9  # relative
 @options.command("verify")
 def verify_command(
     plans: Annotated[tuple[str, ...], options.argument("PLAN...", type=options.SOURCE)],
-    proof: Annotated[bool, options.option("Prove the lower bound anew by the certificates.")],
+    proof: bool,
     output: Output,
 ) -> int:
     """Check PLAN files independently of what they say of themselves.
@@ -56,6 +56,9 @@ def verify_command(
       twosra verify plan.json other.json --json
     And does its certificate prove that no plan costs less?
       twosra verify plan.json --proof
+
+    Options:
+        proof: Prove the lower bound anew by the certificates.
     """
     code = Exit.PLANNED
     checked: dict[str, PlanCheck] = {}
@@ -138,7 +141,7 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
 def resample_command(
     plan: Annotated[Path, options.argument()],
     out: Annotated[Path, options.out_argument(options.ending(".csv", ".json"))],
-    rate_Hz: Annotated[float, options.rate("Ticks per second.")],
+    rate_Hz: Annotated[float, options.RATE],
     output: Output,
 ) -> None:
     """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
@@ -153,6 +156,9 @@ def resample_command(
       twosra resample plan.json setpoints.csv --rate 20
     The same plan, dense enough to look at:
       twosra resample plan.json dense.json --rate 5
+
+    Options:
+        rate_Hz: Ticks per second.
     """
     loaded = load_plan(plan)
     given = loaded.require()
@@ -172,9 +178,7 @@ _FILM_S = options.Finite(1.0, 120.0)
 def animate_command(
     plan: Annotated[Path, options.argument()],
     out: Annotated[Path, options.out_argument(options.film)],
-    seconds: Annotated[
-        float, options.option("Length of the animation [s].", type=_FILM_S, default=12.0)
-    ],
+    seconds: Annotated[float, options.option(type=_FILM_S, default=12.0)],
     output: Output,
 ) -> int:
     """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
@@ -187,6 +191,9 @@ def animate_command(
       twosra animate plan.json plan.gif
     The same in a hurry:
       twosra animate plan.json short.gif --seconds 4
+
+    Options:
+        seconds: Length of the animation [s].
     """
     made = load_plan(plan).require()
     with output.progress("animating") as tell:

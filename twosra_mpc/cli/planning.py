@@ -29,13 +29,11 @@ from twosra_mpc.robot.modes import mode_name
 @options.command("plan")
 def plan_command(
     scenario: options.Scenario,
-    out: Annotated[Path | None, written("Write the plan as JSON.", options.ending(".json"))],
-    csv: Annotated[Path | None, written("Write the set-points as CSV.", options.ending(".csv"))],
-    rate_Hz: Annotated[
-        float | None, options.rate("Rows per second of --csv; default: the plan's grid.")
-    ],
-    plot: Annotated[Path | None, options.plotted("Draw the plan")],
-    proof: Annotated[bool, options.option("Add a certificate that proves the bound anew.")],
+    out: Annotated[Path | None, written(options.ending(".json"))],
+    csv: Annotated[Path | None, written(options.ending(".csv"))],
+    rate_Hz: Annotated[float | None, options.RATE],
+    plot: options.Plot,
+    proof: bool,
     load: Annotated[options.Load, options.overrides()],
     output: Output,
 ) -> int:
@@ -55,6 +53,13 @@ def plan_command(
 
     Ctrl-C, --work-limit and --time-limit end the search; the best plan so far is written, with its
     true gap. Within a work limit the same plan is found on every machine.
+
+    Options:
+        out: Write the plan as JSON.
+        csv: Write the set-points as CSV.
+        rate_Hz: Rows per second of --csv; default: the plan's grid.
+        plot: Draw the plan (png, pdf, svg).
+        proof: Add a certificate that proves the bound anew.
     """
     if rate_Hz is not None and csv is None:
         raise click.UsageError("--rate is the rate of --csv, which is not given")

@@ -30,29 +30,22 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
 _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
-_EXECUTOR = "Follow an optimal plan, or act by the greedy rule."
 
 
 @options.command("simulate")
 def simulate_command(
     scenario: options.Scenario,
-    plant: Annotated[str, word(f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")],
-    viewer: Annotated[bool, option("Watch the first run of plant mujoco.")],
-    disturbance: Annotated[
-        str, word(f"How far from its description: {_LEVELS}.", LEVELS, default="moderate")
-    ],
-    seed: Annotated[int, option("Of all that is drawn.", type=options.SEED, default=0)],
-    executor: Annotated[str, option(_EXECUTOR, type=click.Choice(EXECUTORS), default="optimal")],
-    runs: Annotated[
-        int, option("Run as many robots, and sum up.", type=click.IntRange(1), default=1)
-    ],
-    broken: Annotated[tuple[int, ...], option("Number of a segment.", "--broken-heater")],
+    plant: Annotated[str, word(ALL_PLANTS, default="arc")],
+    viewer: bool,
+    disturbance: Annotated[str, word(LEVELS, default="moderate")],
+    seed: Annotated[int, option(type=options.SEED, default=0)],
+    executor: Annotated[str, option(type=click.Choice(EXECUTORS), default="optimal")],
+    runs: Annotated[int, option(type=click.IntRange(1), default=1)],
+    broken: Annotated[tuple[int, ...], option("--broken-heater")],
     load: Annotated[options.Load, options.overrides("planner", "max_phases")],
-    out: Annotated[Path | None, options.written("Write the (first) run as JSON.")],
-    plot: Annotated[Path | None, options.plotted("Draw it")],
-    animate: Annotated[
-        Path | None, options.written("Film it (gif; mp4 with ffmpeg).", options.film)
-    ],
+    out: Annotated[Path | None, options.written()],
+    plot: options.Plot,
+    animate: Annotated[Path | None, options.written(options.film)],
     output: Output,
 ) -> int:
     """Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
@@ -70,6 +63,18 @@ def simulate_command(
       twosra simulate rigid-move --plant mujoco --seed 1
     A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
       twosra simulate paper-2 --broken-heater 1
+
+    Options:
+        plant: How it moves: {}.
+        viewer: Watch the first run of plant mujoco.
+        disturbance: How far from its description: {}.
+        seed: Of all that is drawn.
+        executor: Follow an optimal plan, or act by the greedy rule.
+        runs: Run as many robots, and sum up.
+        broken: Number of a segment.
+        out: Write the (first) run as JSON.
+        plot: Draw it (png, pdf, svg).
+        animate: Film it (gif; mp4 with ffmpeg).
     """
     problem = load(scenario, to_run=True)
     level = disturbance_level(disturbance)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import click
 
-from twosra_mpc.cli.options import argument, command, ending, option, plotted, written
+from twosra_mpc.cli.options import Plot, argument, command, ending, option, written
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.files import read_text, write_text
 from twosra_mpc.installation import BATCH, require
@@ -22,15 +22,11 @@ from twosra_mpc.lab.batch.atlas import Atlas, Spread, atlas
 @command("batch")
 def batch_command(
     spec: Annotated[Path, argument()],
-    out: Annotated[Path, option("Folder of the runs.", metavar="RUNS")],
-    planner: Annotated[Literal["optimal", "greedy", "both"] | None, option("Override the spec.")],
-    plans: Annotated[bool | None, option("Write plan files, too.")],
-    workers: Annotated[
-        int | None, option("Processes here; default: one a core.", type=click.IntRange(min=1))
-    ],
-    scheduler: Annotated[
-        str | None, option("Plan on a Dask cluster, e.g. tcp://host:8786.", metavar="URL")
-    ],
+    out: Annotated[Path, option(metavar="RUNS")],
+    planner: Literal["optimal", "greedy", "both"] | None,
+    plans: bool | None,
+    workers: Annotated[int | None, option(type=click.IntRange(min=1))],
+    scheduler: Annotated[str | None, option(metavar="URL")],
     output: Output,
 ) -> int:
     """Plan everything that SPEC, a TOML file, asks for; results go into the folder RUNS.
@@ -43,6 +39,13 @@ def batch_command(
 
     Whatever ends it, the same command goes on with what is not planned yet. RUNS/runs.parquet is
     the table in the end, a row a problem; a problem without a plan has a row that says why.
+
+    Options:
+        out: Folder of the runs.
+        planner: Override the spec.
+        plans: Write plan files, too.
+        workers: Processes here; default: one a core.
+        scheduler: Plan on a Dask cluster, e.g. tcp://host:8786.
     """
     if scheduler is not None and workers is not None:
         raise click.UsageError("--workers are processes here; a --scheduler has its own")
@@ -104,14 +107,10 @@ _SHOWN = 8  # rows of a table whose length nobody chose
 @command("atlas")
 def atlas_command(
     runs: Annotated[Path, argument()],
-    x: Annotated[str | None, option("Varied key along the figure's x axes.", "-x", metavar="KEY")],
-    y: Annotated[
-        str | None, option("Varied key along the y axes of its maps.", "-y", metavar="KEY")
-    ],
-    csv: Annotated[Path | None, written("Write the whole table as CSV.", ending(".csv"))],
-    plot: Annotated[
-        Path | None, plotted("Draw sequences, durations, savings, sensitivities and gaps")
-    ],
+    x: Annotated[str | None, option("-x", metavar="KEY")],
+    y: Annotated[str | None, option("-y", metavar="KEY")],
+    csv: Annotated[Path | None, written(ending(".csv"))],
+    plot: Plot,
     output: Output,
 ) -> None:
     """Say what the plans of a batch have in common: RUNS is the folder of "twosra batch".
@@ -124,6 +123,12 @@ def atlas_command(
       twosra atlas runs --plot atlas.png
     Over others:
       twosra atlas runs -x robot.heater.melt_current_A -y goal.kappa_per_m.0 --plot atlas.png
+
+    Options:
+        x: Varied key along the figure's x axes.
+        y: Varied key along the y axes of its maps.
+        csv: Write the whole table as CSV.
+        plot: Draw sequences, durations, savings, sensitivities and gaps (png, pdf, svg).
     """
     with output.progress("reading the table") as tell:
         frame = read_runs(runs)

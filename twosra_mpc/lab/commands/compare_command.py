@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import click
 
-from twosra_mpc.cli.options import SCENARIO, Load, argument, command, overrides, plotted
+from twosra_mpc.cli.options import SCENARIO, Load, Plot, argument, command, overrides
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.files import attributes
@@ -27,7 +27,7 @@ EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 def compare_command(
     scenarios: Annotated[tuple[str, ...], argument("SCENARIO...", **SCENARIO)],
     load: Annotated[Load, overrides("planner", "max_phases", "risk")],
-    plot: Annotated[Path | None, plotted("Draw them on one time axis")],
+    plot: Plot,
     output: Output,
 ) -> int:
     """Plan every SCENARIO by this planner and by the greedy rule, side by side.
@@ -40,6 +40,9 @@ def compare_command(
       twosra compare paper-1 paper-2 paper-3 paper-4 paper-5 --plot comparison.png
     For a program:
       twosra compare paper-1 my-scenario.toml --json
+
+    Options:
+        plot: Draw them on one time axis (png, pdf, svg).
     """
     results = _results({name: load(name) for name in scenarios}, output)
     if plot is not None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import click
 
-from twosra_mpc.cli.options import argument, command, ending, option, plotted, written
+from twosra_mpc.cli.options import Plot, argument, command, ending, option, written
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import numbers_in
@@ -22,26 +22,19 @@ from twosra_mpc.lab.photographs.study import (
     summary,
 )
 
-_TOWARDS = "A point [px] at the end the segment is followed to: positive is bent left on the way."
-
 
 @command("estimate-curvature")
 def estimate_curvature_command(
     folders: Annotated[tuple[Path, ...], argument("FOLDER...")],
-    scale_m: Annotated[float, option("Width of a pixel [m].", "--scale")],
-    length_m: Annotated[float, option("Of the segment [m].", "--length")],
-    towards: Annotated[str, option(_TOWARDS, metavar="X,Y")],
-    threshold: Annotated[float, option("Grey value that the segment exceeds.", default=120.0)],
-    references: Annotated[
-        tuple[Path, ...],
-        option("CSV file of reference curvatures; one for each folder.", "--reference"),
-    ],
-    column: Annotated[str, option("Its column of curvatures [1/m].", default="kappa_per_m")],
-    csv: Annotated[Path | None, written("Write a row a picture.", ending(".csv"))],
-    plot: Annotated[
-        Path | None, plotted("Draw five pictures, and the estimates over the references")
-    ],
-    figures: Annotated[Path | None, option("Draw every picture into this folder (png).")],
+    scale_m: float,
+    length_m: float,
+    towards: Annotated[str, option(metavar="X,Y")],
+    threshold: Annotated[float, option(default=120.0)],
+    references: Annotated[tuple[Path, ...], option("--reference")],
+    column: Annotated[str, option(default="kappa_per_m")],
+    csv: Annotated[Path | None, written(ending(".csv"))],
+    plot: Plot,
+    figures: Path | None,
     output: Output,
 ) -> None:
     """Estimate the curvature of the segment that shines in each thermal photograph of FOLDER.
@@ -55,6 +48,18 @@ def estimate_curvature_command(
       twosra estimate-curvature shots --scale .005 --length .04 --towards 39,35 --csv found.csv
     Beside references, of the column kappa_per_m of a CSV file:
       twosra estimate-curvature shots --scale .005 --length .04 --towards 39,35 --reference k.csv
+
+    Options:
+        scale_m: Width of a pixel [m].
+        length_m: Of the segment [m].
+        towards: A point [px] at the end the segment is followed to: positive is bent left on the
+            way.
+        threshold: Grey value that the segment exceeds.
+        references: CSV file of reference curvatures; one for each folder.
+        column: Its column of curvatures [1/m].
+        csv: Write a row a picture.
+        plot: Draw five pictures, and the estimates over the references (png, pdf, svg).
+        figures: Draw every picture into this folder (png).
     """
     if references and len(references) != len(folders):
         raise InputError("reference", len(references), f"one for each of {len(folders)} folders")

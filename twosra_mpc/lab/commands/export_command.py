@@ -36,15 +36,13 @@ def _chain(source: str) -> tuple[Robot, str]:
 _OF_ROBOTS = {".xml": _world, ".urdf": _chain}
 _OF_PLANS = {".mcap": save_ros2_bag, ".csv": save_authors_csv}
 
-_RATE = "CSV: rows per second. MCAP: samples per second besides the plan's own."
-
 
 @options.command("export")
 def export_command(
     source: Annotated[str, options.argument("PLAN|ROBOT|SCENARIO", **options.ROBOT)],
-    accept_paper_wheels: robot_line.AcceptPaperWheels,
+    accept_paper_wheels: bool,
     out: Annotated[Path, options.out_argument(options.ending(*_OF_PLANS, *_OF_ROBOTS))],
-    rate_Hz: Annotated[float | None, options.rate(_RATE)],
+    rate_Hz: Annotated[float | None, options.RATE],
     output: Output,
 ) -> None:
     """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
@@ -73,6 +71,10 @@ def export_command(
       python -m mujoco.viewer --mjcf=robot.xml
     The same at the start of a scenario, among its objects:
       twosra export pick-and-place world.xml
+
+    Options:
+        accept_paper_wheels: Take the paper's wheel map as well.
+        rate_Hz: CSV: rows per second. MCAP: samples per second besides the plan's own.
     """
     kind = out.suffix.lower()
     if (write := _OF_ROBOTS.get(kind)) is not None:

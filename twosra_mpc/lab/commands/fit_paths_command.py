@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tomlkit
 
-from twosra_mpc.cli.options import RobotName, command, option, plotted, written
+from twosra_mpc.cli.options import Plot, RobotName, command, option, written
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.bench.singular_shapes import (
@@ -28,12 +28,12 @@ from twosra_mpc.robot.description import Robot, load_robot, robot_document
 @command("fit-paths")
 def fit_paths_command(
     robot: RobotName,
-    out: Annotated[Path | None, written("Write a robot file with the fit.")],
+    out: Annotated[Path | None, written()],
     model: Annotated[
         Literal["log_spiral_corrected", "log_spiral", "cardioid"],
-        option("Which fit goes into --out.", default="log_spiral_corrected"),
+        option(default="log_spiral_corrected"),
     ],
-    plot: Annotated[Path | None, plotted("Draw exact and fitted paths")],
+    plot: Plot,
     output: Output,
 ) -> None:
     """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
@@ -45,6 +45,11 @@ def fit_paths_command(
       twosra fit-paths 2sra-v1 --plot paths.png
     A robot file for your own fibre's lengths, with its comments kept:
       twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
+
+    Options:
+        out: Write a robot file with the fit.
+        model: Which fit goes into --out.
+        plot: Draw exact and fitted paths (png, pdf, svg).
     """
     described = load_robot(robot)
     with output.progress("fitting"):

@@ -27,25 +27,18 @@ _KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1  # of what a key asks for, a crawl
 
 @command("jog")
 def jog_command(
-    port: robot_line.PortName,
-    dry_run: robot_line.DryRun,
-    name: Annotated[str, option("A built-in name or a file.", "--robot", **ROBOT)],
-    along: Annotated[float | None, option("Along x of its middle link [m/s].", "--forward")],
-    across: Annotated[float | None, option("Along y of it [m/s].", "--sideways")],
-    turn: Annotated[float | None, option("Turning rate [rad/s].")],
+    port: str | None,
+    dry_run: bool,
+    name: Annotated[str, option("--robot", **ROBOT)],
+    along: Annotated[float | None, option("--forward")],
+    across: Annotated[float | None, option("--sideways")],
+    turn: float | None,
     wheels: Annotated[
-        tuple[tuple[int, float], ...],
-        option(
-            "Number of a wheel, and its speed [rad/s], besides the rest.",
-            "--wheel",
-            type=(click.IntRange(1, WHEELS), float),
-        ),
+        tuple[tuple[int, float], ...], option("--wheel", type=(click.IntRange(1, WHEELS), float))
     ],
-    heat: Annotated[tuple[int, ...], option("Number of a segment to heat.")],
-    duration_s: Annotated[
-        float | None, option("For how long; else by keys.", "--for", metavar="S")
-    ],
-    cold: Annotated[bool, option("The segments are as cold as the air.")],
+    heat: tuple[int, ...],
+    duration_s: Annotated[float | None, option("--for", metavar="S")],
+    cold: bool,
     robot_id: robot_line.RobotId,
     output: Output,
 ) -> int:
@@ -69,6 +62,19 @@ def jog_command(
       twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --wheel 1 2.0 --for 1
     Does heater 1 warm segment 1?
       twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --heat 1 --for 20
+
+    Options:
+        port: Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.
+        dry_run: Print times and lines; needs no port.
+        name: A built-in name or a file.
+        along: Along x of its middle link [m/s].
+        across: Along y of it [m/s].
+        turn: Turning rate [rad/s].
+        wheels: Number of a wheel, and its speed [rad/s], besides the rest.
+        heat: Number of a segment to heat.
+        duration_s: For how long; else by keys.
+        cold: The segments are as cold as the air.
+        robot_id: Sent at the end of each line, instead of the robot file's.
     """
     robot_line.check_line(port, dry_run)
     robot = robot_line.numbered(load_robot(name), robot_id)

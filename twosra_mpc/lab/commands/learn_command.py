@@ -24,11 +24,8 @@ _WITHIN = {"joint_splits": (-0.95, 0.95), "joint_relaxations": (0.0, 1.0)}
 @command("learn")
 def learn_command(
     runs: Annotated[tuple[Path, ...], argument()],
-    robot: Annotated[
-        str | None,
-        option("Whose runs these are: a name or a file; default: as in them.", **ROBOT),
-    ],
-    out: Annotated[Path | None, written("Write a robot file with what is learned.")],
+    robot: Annotated[str | None, option(**ROBOT)],
+    out: Annotated[Path | None, written()],
     output: Output,
 ) -> None:
     """Learn from RUNS, files of "twosra simulate" or of your robot, how joint bends go.
@@ -41,6 +38,10 @@ def learn_command(
     Learn from two runs, and plan with it:
       twosra learn run-1.json run-2.json --out learned.toml
       twosra plan paper-1 --robot learned.toml --risk mean
+
+    Options:
+        robot: Whose runs these are: a name or a file; default: as in them.
+        out: Write a robot file with what is learned.
     """
     made = [load_run(path) for path in runs]
     source = robot or made[0].problem.robot.name

@@ -15,19 +15,10 @@ _SIZE = Finite(min=0.0)
 @command("import-map")
 def import_map_command(
     map_file: Annotated[Path, argument("MAP")],
-    out: Annotated[
-        Path | None, written("Write the obstacles (GeoJSON).", ending(".geojson", ".json"))
-    ],
-    unknown: Annotated[
-        Literal["occupied", "free"],
-        option("What to take cells for that are neither.", default="occupied"),
-    ],
-    tolerance: Annotated[
-        float | None, option("How far walls may grow; one cell.", type=_SIZE, metavar="M")
-    ],
-    least_area: Annotated[
-        float, option("Leave out specks that are smaller.", type=_SIZE, default=0.0, metavar="M2")
-    ],
+    out: Annotated[Path | None, written(ending(".geojson", ".json"))],
+    unknown: Annotated[Literal["occupied", "free"], option(default="occupied")],
+    tolerance: Annotated[float | None, option(type=_SIZE, metavar="M")],
+    least_area: Annotated[float, option(type=_SIZE, default=0.0, metavar="M2")],
     output: Output,
 ) -> None:
     """Turn MAP, a map of ROS (map.yaml beside its image), into obstacles.
@@ -39,6 +30,12 @@ def import_map_command(
       twosra import-map map.yaml --out lab.geojson
     Walls at most 5 mm thicker than on the map, without specks below 1 cm2:
       twosra import-map map.yaml --tolerance 0.005 --least-area 1e-4 --out lab.geojson
+
+    Options:
+        out: Write the obstacles (GeoJSON).
+        unknown: What to take cells for that are neither.
+        tolerance: How far walls may grow; one cell.
+        least_area: Leave out specks that are smaller.
     """
     from twosra_mpc.lab.worlds.occupancy_map import (  # shapely is slow to import
         feature_collection,

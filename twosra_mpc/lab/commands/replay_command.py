@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import click
 
 from twosra_mpc.checking.followed import OFF_PATH, off_words
-from twosra_mpc.cli.options import ROBOT, argument, command, option, plotted
+from twosra_mpc.cli.options import ROBOT, Plot, argument, command, option
 from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
@@ -24,14 +24,12 @@ from twosra_mpc.robot.modes import mode_name
 @command("replay")
 def replay_command(
     log: Annotated[Path, argument()],
-    robot: Annotated[str, option("Which robot: a built-in name or a file.", **ROBOT)],
-    path_model: Annotated[
-        str | None, option("Predict by this path model, e.g. arc; default: the robot's.")
-    ],
-    wheels: Annotated[str | None, option("Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.")],
-    mode: Annotated[str | None, option("Mode of a log of wheels, e.g. 1,0.")],
-    path: Annotated[Path | None, option("Path of the object in the log: CSV or SVG.")],
-    plot: Annotated[Path | None, plotted("Draw every phase as measured and as predicted")],
+    robot: Annotated[str, option(**ROBOT)],
+    path_model: str | None,
+    wheels: str | None,
+    mode: str | None,
+    path: Path | None,
+    plot: Plot,
     output: Output,
 ) -> None:
     """Predict the phases of a LOG, and say how far off they end.
@@ -52,6 +50,14 @@ def replay_command(
       twosra replay poses.csv --robot 2sra-v1 --wheels 6,0,0,0 --mode 1,0
     How well was an object led along a path?
       twosra replay transport.csv --robot 2sra-v1 --path path.svg
+
+    Options:
+        robot: Which robot: a built-in name or a file.
+        path_model: Predict by this path model, e.g. arc; default: the robot's.
+        wheels: Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.
+        mode: Mode of a log of wheels, e.g. 1,0.
+        path: Path of the object in the log: CSV or SVG.
+        plot: Draw every phase as measured and as predicted (png, pdf, svg).
     """
     described = load_robot(robot)
     if path_model is not None:

@@ -21,29 +21,23 @@ if TYPE_CHECKING:
 
 _AUTHORS = "https://github.com/Louashka/2sr-agent-control and 2sr-agent-simulation"
 _FOLDER = click.Path(path_type=Path, file_okay=False)
+_SCALE = "Width of a pixel [m].  [default: 0.00476]"  # of all its digits only these
 
 
 @command("reproduce")
 def reproduce_command(
-    folder: Annotated[Path, option("Folder for the report.", "--out", "-o", type=_FOLDER)],
-    data: Annotated[Path | None, option("Folder with hardware/, curvature/, or clones in it.")],
-    logs: Annotated[Path | None, option("Folder of logs of trials, instead of hardware/.")],
-    photographs: Annotated[Path | None, option("Folder of photographs, instead of curvature/.")],
-    simulations: Annotated[Path | None, option("The authors' simulations, a CSV file or clone.")],
-    column: Annotated[str, option("Column of reference curvatures [1/m].", default="k1")],
+    folder: Annotated[Path, option("--out", "-o", type=_FOLDER)],
+    data: Path | None,
+    logs: Path | None,
+    photographs: Path | None,
+    simulations: Path | None,
+    column: Annotated[str, option(default="k1")],
     scale_m: Annotated[
-        float,
-        option(
-            "Width of a pixel [m].", "--scale", default=PAPER_CAMERA.scale_m, show_default="0.00476"
-        ),
+        float, option(default=PAPER_CAMERA.scale_m, show_default=False, help=_SCALE)
     ],
-    length_m: Annotated[
-        float, option("Of the segment in them [m].", "--length", default=PAPER_CAMERA.length_m)
-    ],
-    towards: Annotated[
-        str, option("Pixel at its end to follow it to.", metavar="X,Y", default="37,34")
-    ],
-    problems: Annotated[int, option("Random problems of each kind.", default=100)],
+    length_m: Annotated[float, option(default=PAPER_CAMERA.length_m)],
+    towards: Annotated[str, option(metavar="X,Y", default="37,34")],
+    problems: Annotated[int, option(default=100)],
     output: Output,
 ) -> None:
     """Compare the robot's paper with what comes of it here: every figure, table and claim.
@@ -58,6 +52,17 @@ def reproduce_command(
     With the authors' data, clones of their repositories 2sr-agent-control and
     2sr-agent-simulation (https://github.com/Louashka) in the folder lab:
       twosra reproduce --out paper --data lab
+
+    Options:
+        folder: Folder for the report.
+        data: Folder with hardware/, curvature/, or clones in it.
+        logs: Folder of logs of trials, instead of hardware/.
+        photographs: Folder of photographs, instead of curvature/.
+        simulations: The authors' simulations, a CSV file or clone.
+        column: Column of reference curvatures [1/m].
+        length_m: Of the segment in them [m].
+        towards: Pixel at its end to follow it to.
+        problems: Random problems of each kind.
     """
     camera = Camera(scale_m=scale_m, length_m=length_m, towards_px=pixel(towards))
     if data is not None:
@@ -86,10 +91,10 @@ def located(data: Path) -> dict[str, Path | None]:
         InputError: If there is nothing of all that.
     """
     found: dict[str, Path | None] = {}
-    for option, (own, repository, part) in _PLACES.items():
+    for kind, (own, repository, part) in _PLACES.items():
         clones = (data, data / f"2sr-agent-{repository}")
         cloned = next((clone for clone in clones if os.path.exists(clone / part)), None)
-        found[option] = data / own if os.path.exists(data / own) else cloned
+        found[kind] = data / own if os.path.exists(data / own) else cloned
     if not any(found.values()):
         allowed = f"a folder with hardware/ or curvature/ in it, or clones of {_AUTHORS}"
         raise InputError("data", str(data), allowed)
@@ -113,9 +118,7 @@ def _print(report: PaperReport, folder: Path) -> None:
 @command("figures")
 def figures_command(
     folder: Annotated[Path, argument(type=_FOLDER)],
-    ending: Annotated[
-        Literal["png", "pdf", "svg"], option("Of the files.", "--format", default="png")
-    ],
+    ending: Annotated[Literal["png", "pdf", "svg"], option("--format", default="png")],
     output: Output,
 ) -> None:
     """Draw the figures of the paper anew, from our own runs, into FOLDER.
@@ -127,6 +130,9 @@ def figures_command(
 
     \b
       twosra figures paper --format pdf
+
+    Options:
+        ending: Of the files.
     """
     from twosra_mpc.lab.figures.paper_figures import PAPER_FIGURES  # matplotlib takes a second
 

@@ -19,17 +19,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.description import Robot
 
-PortName: TypeAlias = Annotated[
-    str | None, option("Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.", "--port")
-]
-DryRun: TypeAlias = Annotated[bool, option("Print times and lines; needs no port.")]
-RobotId: TypeAlias = Annotated[
-    int | None,
-    option(
-        "Sent at the end of each line, instead of the robot file's.", type=click.IntRange(min=0)
-    ),
-]
-AcceptPaperWheels: TypeAlias = Annotated[bool, option("Take the paper's wheel map as well.")]
+RobotId: TypeAlias = Annotated[int | None, option(type=click.IntRange(min=0))]
 
 
 def check_line(port: str | None, dry_run: bool) -> None:

@@ -22,30 +22,18 @@ from twosra_mpc.planning.policy import relies
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
-_RATE = "Commands (and camera frames) per second; the default is the authors' controller's."
-
 
 @command("stream")
 def stream_command(
     source: Annotated[Path, argument("PLAN")],
-    accept_paper_wheels: robot_line.AcceptPaperWheels,
-    port: robot_line.PortName,
-    dry_run: robot_line.DryRun,
-    rate_Hz: Annotated[float, option(_RATE, "--rate", metavar="HZ", default=RATE_HZ)],
-    confirm: Annotated[
-        Literal["required", "never"],
-        option(
-            "Whether phases begin by temperature reports, or at the plan's times.",
-            default="required",
-        ),
-    ],
-    camera: Annotated[
-        str | None, option("Follow poses: standard input, or a UDP port.", metavar="-|PORT")
-    ],
-    markers: Annotated[Path | None, option("Poses are those of markers on the robot (.toml).")],
-    log: Annotated[
-        Path | None, written("Write what was sent and reported, as a run (.json).", ending(".json"))
-    ],
+    accept_paper_wheels: bool,
+    port: str | None,
+    dry_run: bool,
+    rate_Hz: Annotated[float, option("--rate", metavar="HZ", default=RATE_HZ)],
+    confirm: Annotated[Literal["required", "never"], option(default="required")],
+    camera: Annotated[str | None, option(metavar="-|PORT")],
+    markers: Path | None,
+    log: Annotated[Path | None, written(ending(".json"))],
     robot_id: robot_line.RobotId,
     output: Output,
 ) -> int:
@@ -86,6 +74,17 @@ def stream_command(
       tracker | twosra stream plan.json --port /dev/ttyUSB0 --camera - --rate 20
     One of several robots on the same radio:
       twosra stream plan.json --port COM3 --robot-id 1
+
+    Options:
+        accept_paper_wheels: Take the paper's wheel map as well.
+        port: Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.
+        dry_run: Print times and lines; needs no port.
+        rate_Hz: Commands (and camera frames) per second; the default is the authors' controller's.
+        confirm: Whether phases begin by temperature reports, or at the plan's times.
+        camera: Follow poses: standard input, or a UDP port.
+        markers: Poses are those of markers on the robot (.toml).
+        log: Write what was sent and reported, as a run (.json).
+        robot_id: Sent at the end of each line, instead of the robot file's.
     """
     robot_line.check_line(port, dry_run)
     if dry_run and (camera or log):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import webbrowser
-from pathlib import Path
 from typing import Annotated
 
 import click
@@ -17,8 +16,8 @@ from twosra_mpc.cli.output import Output, digits, print_table
 @options.command("studio")
 def studio_command(
     scenario: Annotated[str, options.argument(default="paper-1", **options.SCENARIO)],
-    port: Annotated[int, option("0 takes a free one.", type=click.IntRange(0, 65535), default=0)],
-    no_browser: Annotated[bool, option("Only print the address.")],
+    port: Annotated[int, option(type=click.IntRange(0, 65535), default=0)],
+    no_browser: bool,
     load: Annotated[
         options.Load, options.overrides("work_limit", "time_limit_s", "max_phases", "risk")
     ],
@@ -35,6 +34,10 @@ def studio_command(
       twosra studio paper-1
     On a port of your choice, for a browser that is open already:
       twosra studio pick-and-place --port 8765 --no-browser
+
+    Options:
+        port: 0 takes a free one.
+        no_browser: Only print the address.
     """
     from twosra_mpc.lab.studio.server import Server  # the planner takes a second
 
@@ -48,9 +51,9 @@ def studio_command(
 @options.command("map")
 def map_command(
     scenario: options.Scenario,
-    over: Annotated[str, option("Two of x, y, phi, kappa1, kappa2 ...", metavar="A,B")],
-    size: Annotated[int, option("Points a side.", type=click.IntRange(2, 101), default=17)],
-    plot: Annotated[Path | None, options.plotted("Draw the map")],
+    over: Annotated[str, option(metavar="A,B")],
+    size: Annotated[int, option(type=click.IntRange(2, 101), default=17)],
+    plot: options.Plot,
     load: Annotated[options.Load, options.overrides("max_phases", "risk")],
     output: Output,
 ) -> None:
@@ -62,6 +65,11 @@ def map_command(
     \b
     Which sequence is best for which shape?
       twosra map paper-1 --over kappa1,kappa2 --size 9 --plot map.png
+
+    Options:
+        over: Two of x, y, phi, kappa1, kappa2 ...
+        size: Points a side.
+        plot: Draw the map (png, pdf, svg).
     """
     from twosra_mpc.lab.studio.goal_map import WORK, goal_map
 

@@ -10,7 +10,7 @@ import click
 import tomlkit
 from tomlkit.items import AoT, Table
 
-from twosra_mpc.cli.options import ROBOT, argument, command, option, plotted, written
+from twosra_mpc.cli.options import ROBOT, Plot, argument, command, option, written
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.files import attributes, write_text
 from twosra_mpc.keys import describe
@@ -35,22 +35,18 @@ Outcome = tuple[Fit, TwoNodeSegment, list[str]]  # with the robot's own segment,
 _WARM_K = 1.0  # a first reading this far above the air is worth a word
 _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
-_HELD_OUT = "Score the fit on this log too, with nothing fitted to it; may be given several times."
-_READINGS = "LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...)."
-_SEGMENT = "Which one, of a robot whose file lists its segments."
-
 
 @command("fit-thermal")
 def fit_thermal_command(
     log: Annotated[Path, argument()],
-    robot: Annotated[str, option("Whose segment it is: a built-in name or a file.", **ROBOT)],
-    ambient_C: Annotated[float | None, option("Air [C]; default: the first reading.", "--ambient")],
-    out: Annotated[Path | None, written("Write a robot file with the fit.")],
-    plot: Annotated[Path | None, plotted("Draw the fit")],
-    others: Annotated[tuple[Path, ...], option(_HELD_OUT, "--held-out")],
-    readings: Annotated[Path | None, option(_READINGS)],
-    segment: Annotated[int, option(_SEGMENT, type=click.IntRange(min=1), default=1, metavar="N")],
-    only_score: Annotated[bool, option("Only score the robot as it is.", "--score")],
+    robot: Annotated[str, option(**ROBOT)],
+    ambient_C: float | None,
+    out: Annotated[Path | None, written()],
+    plot: Plot,
+    others: Annotated[tuple[Path, ...], option("--held-out")],
+    readings: Path | None,
+    segment: Annotated[int, option(type=click.IntRange(min=1), default=1, metavar="N")],
+    only_score: Annotated[bool, option("--score")],
     output: Output,
 ) -> None:
     """Identify the segments of a robot from LOG, a CSV file of heating and cooling, or of melts.
@@ -66,6 +62,18 @@ def fit_thermal_command(
       twosra fit-thermal heating.csv --robot 2sr-v2 --score
     Fit the durations of melts and freezes of a robot in use:
       twosra fit-thermal melts.csv --readings readings.csv --robot 2sr-v2 --out fitted.toml
+
+    Options:
+        robot: Whose segment it is: a built-in name or a file.
+        ambient_C: Air [C]; default: the first reading.
+        out: Write a robot file with the fit.
+        plot: Draw the fit (png, pdf, svg).
+        others: Score the fit on this log too, with nothing fitted to it; may be given several
+            times.
+        readings: LOG has melts and freezes: their temperatures (transition, time_s, reading1_C,
+            ...).
+        segment: Which one, of a robot whose file lists its segments.
+        only_score: Only score the robot as it is.
     """
     described, number = load_robot(robot), segment - 1
     if readings is not None and (only_score or others or plot or ambient_C is not None):
