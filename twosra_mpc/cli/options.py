@@ -121,8 +121,9 @@ def argument(metavar: str | None = None, **settings: Any) -> Declared:
 
     def declared(name: str, annotation: Any, _words: str) -> list[click.Parameter]:
         typed, several, _ = _typed(annotation)
-        places = {"nargs": -1 if several else 1, "required": "default" not in settings}
-        return [click.Argument([name], metavar=metavar, **places, **typed | settings)]
+        many: dict[str, Any] = {"nargs": -1} if several else {}
+        given = {"metavar": metavar, "required": "default" not in settings, **typed, **settings}
+        return [click.Argument([name], **many, **given)]
 
     return declared
 
