@@ -27,7 +27,7 @@ from twosra_mpc.lab.identification.heating_log import (
     read_heating_log,
     resample,
 )
-from twosra_mpc.lab.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
+from twosra_mpc.lab.identification.log_fit import Fitted, doubts, fit, pooled_rms_C, residuals
 from twosra_mpc.lab.identification.log_response import (
     CORRECTED_S,
     HeaterLaw,
@@ -35,7 +35,6 @@ from twosra_mpc.lab.identification.log_response import (
     TwoNodePlant,
     driven,
 )
-from twosra_mpc.lab.identification.plausibility import doubts
 from twosra_mpc.lab.identification.thermal_fit import (
     LOGS_DIFFER,
     SEGMENT_FIELDS,

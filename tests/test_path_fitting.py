@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.lab.figures.path_figure import (
+from twosra_mpc.lab.figures.log_figures import (
     CURVES,
     MODES,
     POSES,

@@ -25,10 +25,18 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.lab.studio import Server, widget
-from twosra_mpc.lab.studio.answers import Ask, GivenUp, Pull, answers, asked_problem, document
+from twosra_mpc.lab.studio.answers import (
+    Ask,
+    GivenUp,
+    Pull,
+    Saved,
+    answers,
+    asked_problem,
+    document,
+    saved,
+)
 from twosra_mpc.lab.studio.goal_map import goal_map, moved
 from twosra_mpc.lab.studio.live import LiveRun, Push, Run
-from twosra_mpc.lab.studio.saved import Saved, saved
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 

@@ -155,7 +155,7 @@ def _results(problems: dict[str, Problem], output: Output) -> dict[str, tuple[Re
 
 def _draw(results: dict[str, tuple[Result, ...]], plot: Path) -> None:
     """Draw the plans that there are."""
-    from twosra_mpc.lab.figures.comparison_figure import plot_comparison
+    from twosra_mpc.lab.figures.atlas_figure import plot_comparison
 
     made = {name: [one.plan for one in each if one.plan] for name, each in results.items()}
     shown = {name: each for name, each in made.items() if each}

@@ -13,9 +13,14 @@ from twosra_mpc.cli.output import Output, digits, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
 from twosra_mpc.lab.csv_table import numbers_in, read_csv
-from twosra_mpc.lab.identification.motion_log import IN_HAND, MotionLog, read_motion_log
+from twosra_mpc.lab.identification.motion_log import (
+    IN_HAND,
+    MotionLog,
+    Transport,
+    read_motion_log,
+    transport,
+)
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
-from twosra_mpc.lab.identification.transport_log import Transport, transport
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, with_path_model
 from twosra_mpc.robot.modes import mode_name

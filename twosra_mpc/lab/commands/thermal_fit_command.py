@@ -14,7 +14,7 @@ from twosra_mpc.cli.options import ROBOT, Plot, argument, command, option, writt
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.files import attributes, write_text
 from twosra_mpc.keys import describe
-from twosra_mpc.lab.identification import plausibility, thermal_fit
+from twosra_mpc.lab.identification import log_fit, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.log_fit import Residuals
 from twosra_mpc.lab.identification.log_response import CORRECTED_S
@@ -87,7 +87,7 @@ def fit_thermal_command(
             if out is not None:
                 write_identified_robot(robot, out, fit, number)
         own = thermal_fit.two_node_segment(described, number)
-        return fit, own, plausibility.doubts(described, fit.segment, fit.fitted, air_C, number)
+        return fit, own, log_fit.doubts(described, fit.segment, fit.fitted, air_C, number)
 
     if readings is not None:
         logged = read_transitions(log, readings, described.geometry.segments)
@@ -113,7 +113,7 @@ def fit_thermal_command(
 
         plot_thermal_fit(fit, plot)
     scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]
-    doubts += plausibility.holds_called_heating(recorded)
+    doubts += log_fit.holds_called_heating(recorded)
     output.report(
         lambda: {**_document(fit, scores), "warnings": doubts},
         lambda: _print_fit(recorded, fit, own, scores, doubts),

@@ -22,9 +22,9 @@ from twosra_mpc.arguments import public
 from twosra_mpc.lab.reproduction.published_runs import (
     SIMULATIONS,
     PublishedTrajectory,
+    forward_kinematics,
     published_trajectory,
 )
-from twosra_mpc.lab.reproduction.random_problems import forward_kinematics
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Plan

@@ -29,7 +29,7 @@ from scipy.optimize import least_squares
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import read_csv
-from twosra_mpc.lab.identification import plausibility
+from twosra_mpc.lab.identification import log_fit
 from twosra_mpc.lab.identification.heating_log import Flags, check_readings
 from twosra_mpc.lab.identification.log_fit import Fitted
 from twosra_mpc.lab.identification.log_response import SensorLag, TwoNodePlant, driven
@@ -267,7 +267,7 @@ def identify_transitions(
         )
         raise InputError("error of durations", round(median, 2), allowed, source)
     searched = {name: SEGMENT_PARAMETERS[name] for name in _FITTED}
-    plausibility.check_bounds(searched, best.values, source)
+    log_fit.check_bounds(searched, best.values, source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
         out = number * PARTS // len(logged) == part  # a stretch of the log: days differ
@@ -420,7 +420,7 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
         told = [any(each.target) if kind == "melt" else not all(each.target) for each in of_kind]
         sign = 1 if kind == "melt" else -1
         rises = [(sign * np.subtract(each.end_C, each.begin_C)).max() for each in of_kind]
-        if np.median(rises) < plausibility.LEAST_CHANGE_K or not all(told):
+        if np.median(rises) < log_fit.LEAST_CHANGE_K or not all(told):
             value = f"{kind}: {np.median(rises):+z.3g} K in the right direction (median)"
             allowed = (
                 "readings that rise in melts, targets 1 (soft), and fall in freezes, 0 (rigid):"
@@ -429,6 +429,6 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
             raise InputError("kind", value, allowed, source)
         if kind == "melt":
             rates = [rise / each.duration_s for rise, each in zip(rises, of_kind, strict=True)]
-            plausibility.check_rate(float(np.median(rates)), "duration_s", source)
+            log_fit.check_rate(float(np.median(rates)), "duration_s", source)
     if logged[0].kind == "freeze":
         raise InputError("kind, first row", "freeze", "a melt: what freezes has melted", source)
