@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared, table
+from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plotting import plot_plan
@@ -51,7 +51,7 @@ def section(data: Data) -> Section:
     return declared(
         "applications",
         data,
-        (table("applications", 0, lines),),
+        (lines,),
         [f"{name}.png" for name in planned],
         others=claims,
     )
