@@ -193,8 +193,7 @@ def _of_tasks(
         begun = (t.said(i) for i, t in enumerate(tasks, start=1) if not t.needs_held)
         change = f"in the order {', '.join(begun)}"
         tell(change)
-        found = plan_until_interrupted(original.problem.with_values(tasks=tasks))
-        yield Alternative(change, "", original, found)
+        yield _changed(change, {"tasks": tasks}, original)
 
 
 def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:

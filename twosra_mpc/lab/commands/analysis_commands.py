@@ -106,7 +106,6 @@ def _print_explanation(found: explanation.Explanation) -> None:
 
 
 PLANNERS = ("optimal", "greedy")
-_MEASURES = ("duration_s", "waiting_s", "moving_s", "transitions", "energy_J", "cost_s")
 PLANS = ("scenario", "planner", "mode sequence", "duration", "cost ratio", "status", "proved")
 EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
@@ -167,31 +166,26 @@ def _draw(results: dict[str, tuple[Result, ...]], plot: Path) -> None:
 
 def _record(name: str, result: Result, rivals: Sequence[Result]) -> dict[str, Any]:
     """Numbers of one plan; None where there is none."""
-    record: dict[str, Any] = {
+    made, first = result.plan, rivals[0].plan
+    cost, best = made and made.cost, first and first.cost.total
+    return {
         "scenario": name,
         "planner": result.planner,
         "status": str(result.status),
         "message": result.message,
-        "modes": [],
-        **dict.fromkeys(_MEASURES),
+        "modes": made.sequence if made else [],
+        "duration_s": made and made.duration_s,
+        "waiting_s": made and made.duration_s - made.moving_s,
+        "moving_s": made and made.moving_s,
+        "transitions": cost and cost.transitions,
+        "energy_J": cost and cost.energy_J,
+        "cost_s": cost and cost.total,
         "lower_bound_s": result.lower_bound,
         "gap": result.gap,
-        **dict.fromkeys(("fastest_cost_s", "search_gap", "cost_ratio")),
-        "proved": "",
-    }
-    if (made := result.plan) is None:
-        return record
-    cost, first = made.cost, rivals[0].plan
-    return record | {
-        "modes": made.sequence,
-        **attributes(made, "duration_s", "moving_s"),
-        **attributes(cost, "transitions", "energy_J"),
-        "waiting_s": made.duration_s - made.moving_s,
-        "cost_s": cost.total,
-        "fastest_cost_s": made.fastest_cost,
-        "search_gap": made.search_gap,
-        "proved": "" if made.lower_bound is None else quality(made),
-        "cost_ratio": cost.total / first.cost.total if first and first.cost.total else None,
+        "fastest_cost_s": made and made.fastest_cost,
+        "search_gap": made and made.search_gap,
+        "cost_ratio": cost.total / best if cost and best else None,
+        "proved": quality(made) if made and made.lower_bound is not None else "",
     }
 
 

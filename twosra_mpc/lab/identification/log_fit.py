@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -101,41 +102,53 @@ def pooled_rms_C(parts: Sequence[Residuals]) -> float:
 
 def fit(family: Family, log: EvenLog, near: Sequence[float] | None = None) -> Fitted:
     """Fit a family to a log: the best of all its starts, or from ``near`` alone."""
+
+    def off(values: Array) -> Array:
+        found = family.respond(values.tolist(), log)
+        return (found.sensor_C - log.sensor_C)[log.scored]
+
     nominal = [each.start for each in family.parameters]
     starts = [[v * factors.get(i, 1.0) for i, v in enumerate(nominal)] for factors in family.starts]
-    results = [_search(family, log, start) for start in ([near] if near else [nominal, *starts])]
+    # The sum of squares is found to a fiftieth of a standard error.
+    settings: dict[str, Any] = {"x_scale": "jac", "ftol": 1e-6, "max_nfev": 60}
+    errors = partial(_standard_errors, log)
+    every = [near] if near else [nominal, *starts]
+    results = [search(off, family.parameters, start, errors, **settings) for start in every]
     return min(results, key=lambda result: result.cost)
 
 
-def _search(family: Family, log: EvenLog, start: Sequence[float]) -> Fitted:
-    """Find a local minimum, positive parameters in their logarithm."""
-    positive = np.array([each.positive for each in family.parameters])
-    bounds = [each[1:3] for each in family.parameters]
-    given = np.column_stack([bounds, start])
+def search(
+    off: Callable[[Array], Array],
+    parameters: Sequence[Bounded],
+    start: Sequence[float],
+    errors: Callable[[Array, Array], Array],
+    **settings: Any,
+) -> Fitted:
+    """Find a local minimum of a sum of squares, positive parameters in their logarithm.
+
+    Args:
+        off: Residuals (n,) of values of the parameters (m,).
+        parameters: The parameters.
+        start: Where to start.
+        errors: Standard errors (m,), by Jacobian (n, m) and residuals at the minimum, of what is
+            searched.
+        settings: Of SciPy's ``least_squares``.
+    """
+    positive = np.array([each.positive for each in parameters])
+    given = np.array([(*each[1:3], at) for each, at in zip(parameters, start, strict=True)])
     low, high, first = np.log(given, out=given, where=positive[:, None]).T
 
     def values(coordinates: Array) -> Array:
         return np.where(positive, np.exp(coordinates), coordinates)
 
-    def off(coordinates: Array) -> Array:
-        found = family.respond(values(coordinates).tolist(), log)
-        return (found.sensor_C - log.sensor_C)[log.scored]
-
-    result = least_squares(
-        off,
-        np.clip(first, low + 1e-9, high - 1e-9),
-        bounds=(low, high),
-        x_scale="jac",
-        ftol=1e-6,  # of the sum of squares: a fiftieth of a standard error
-        max_nfev=60,
-    )
+    begin = np.clip(first, low + 1e-9, high - 1e-9)
+    result = least_squares(lambda x: off(values(x)), begin, bounds=(low, high), **settings)
     best = values(result.x)
-    errors = _standard_errors(np.asarray(result.jac), result.fun, log)
-    errors *= np.where(positive, best, 1.0)
-    return Fitted(tuple(best.tolist()), tuple(errors.tolist()), float(result.cost))
+    deviations = errors(np.asarray(result.jac), result.fun) * np.where(positive, best, 1.0)
+    return Fitted(tuple(best.tolist()), tuple(deviations.tolist()), float(result.cost))
 
 
-def _standard_errors(jacobian: Array, off: Array, log: EvenLog) -> Array:
+def _standard_errors(log: EvenLog, jacobian: Array, off: Array) -> Array:
     """Standard errors (m,) that allow for correlated residuals.
 
     Sandwich estimate with Bartlett's weights (Newey and West 1987), but no less than what

@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
@@ -303,28 +302,26 @@ def _fitted(
     """Fit logarithms of the parameters to logarithms of the durations that count."""
     duration = np.array([each.duration_s for each in logged])
 
-    def off(x: Array) -> Array:
-        found = predict(tuple(np.exp(x).tolist()))
-        known = _SCALE * (x[_BODY] - np.log(body_ratio)) / np.log(_BODY_RATIO_WITHIN)
+    def off(values: Array) -> Array:
+        found = predict(tuple(values.tolist()))
+        known = _SCALE * np.log(values[_BODY] / body_ratio) / np.log(_BODY_RATIO_WITHIN)
         return np.append(np.log(np.maximum(found, 0.5) / duration)[counted], known)
 
-    low, high = np.log([SEGMENT_PARAMETERS[name][1:3] for name in _FITTED]).T
-    result = least_squares(
+    def errors(jacobian: Array, left: Array) -> Array:
+        spread = np.median(np.abs(left)) / 0.6745  # of a normal distribution without outliers
+        return spread * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
+
+    return log_fit.search(
         off,
-        np.log(start),
-        bounds=(low, high),
+        [SEGMENT_PARAMETERS[name] for name in _FITTED],
+        start,
+        errors,
         loss="soft_l1",
         f_scale=_SCALE,
         diff_step=[1e-3] * len(start),  # durations are read off a grid
         ftol=1e-5,
         max_nfev=30,
     )
-    values = np.exp(result.x)
-    spread = np.median(np.abs(result.fun)) / 0.6745  # of a normal distribution without outliers
-    jacobian = np.asarray(result.jac)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * spread**2
-    errors = values * np.sqrt(np.diag(covariance))
-    return Fitted(tuple(values.tolist()), tuple(errors.tolist()), float(result.cost))
 
 
 def _predictor(

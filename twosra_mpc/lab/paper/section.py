@@ -162,9 +162,10 @@ class _Cells(string.Formatter):
     """
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
-        if conversion in ("m", "p") and not isinstance(value, str):
-            return sequence_name(value) if conversion == "m" else percent(value)
-        return super().convert_field(value, conversion)
+        words: Callable[[Any], str] | None = {"m": sequence_name, "p": percent}.get(conversion)
+        if words is None:
+            return super().convert_field(value, conversion)
+        return value if isinstance(value, str) else words(value)
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if value is None:
