@@ -141,8 +141,11 @@ def search(
     def values(coordinates: Array) -> Array:
         return np.where(positive, np.exp(coordinates), coordinates)
 
+    def residuals_at(coordinates: Array) -> Array:
+        return off(values(coordinates))
+
     begin = np.clip(first, low + 1e-9, high - 1e-9)
-    result = least_squares(lambda x: off(values(x)), begin, bounds=(low, high), **settings)
+    result = least_squares(residuals_at, begin, bounds=(low, high), **settings)
     best = values(result.x)
     deviations = errors(np.asarray(result.jac), result.fun) * np.where(positive, best, 1.0)
     return Fitted(tuple(best.tolist()), tuple(deviations.tolist()), float(result.cost))

@@ -162,10 +162,10 @@ class _Cells(string.Formatter):
     """
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
-        words: Callable[[Any], str] | None = {"m": sequence_name, "p": percent}.get(conversion)
-        if words is None:
+        words: dict[Any, Callable[[Any], str]] = {"m": sequence_name, "p": percent}
+        if conversion not in words:
             return super().convert_field(value, conversion)
-        return value if isinstance(value, str) else words(value)
+        return value if isinstance(value, str) else words[conversion](value)
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if value is None:
