@@ -237,8 +237,7 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
 
 
 def _residuals(found: Residuals) -> tuple[str, ...]:
-    values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
-    return tuple(digits(value, 3) for value in values)
+    return tuple(digits(value, 3) for value in found[:-1])  # all but the number of points
 
 
 def write_identified_robot(

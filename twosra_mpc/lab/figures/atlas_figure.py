@@ -22,10 +22,9 @@ from twosra_mpc.lab.studio.goal_map import Cell
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting import figures, timeline_figures
 from twosra_mpc.plotting.plan_figures import WIDTH_IN, plan_title
-from twosra_mpc.robot.coordinates import Array
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 
 _SIZE_IN = (11.0, 7.2)  # of the figure: two rows of three panels
@@ -117,7 +116,7 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> None:
     ax.set_title("mode sequence of the plan")
 
 
-def _most_frequent(codes: Array) -> float:
+def _most_frequent(codes: Series[float]) -> float:
     return float(np.bincount(codes.astype(int)).argmax())
 
 
@@ -129,7 +128,9 @@ def draw_quantity(
         ax.scatter(runs[x], runs[column], c=_BLUE, s=10)
         ax.set(xlabel=_label(x))
     else:
-        drawn = _draw_places(ax, runs, x, y, column, np.nanmedian, {"cmap": "viridis"})
+        drawn = _draw_places(
+            ax, runs, x, y, column, lambda values: float(values.median()), {"cmap": "viridis"}
+        )
         ax.figure.colorbar(drawn, ax=ax)
     ax.set_title(title)
 
@@ -199,7 +200,7 @@ def _draw_places(
     x: str,
     y: str,
     column: str,
-    of: Callable[[Array], float],
+    of: Callable[[Series[float]], float],
     style: dict[str, Any],
 ) -> Any:
     """A square for each place of a grid, a dot for each problem of a random set."""
@@ -207,13 +208,10 @@ def _draw_places(
     xs, ys = np.unique(runs[x]), np.unique(runs[y])
     if len(xs) * len(ys) > 4 * len(runs):
         return ax.scatter(runs[x], runs[y], c=runs[column], s=9, **style)
-    places = np.full((len(ys), len(xs)), np.nan)
-    rows, columns = np.searchsorted(ys, runs[y]), np.searchsorted(xs, runs[x])
-    for _, group in runs.assign(row_=rows, column_=columns).groupby([x, y]):
-        known = group[column].dropna().to_numpy(dtype=float)
-        if known.size:
-            places[group["row_"].iloc[0], group["column_"].iloc[0]] = of(known)
-    return ax.pcolormesh(xs, ys, np.ma.masked_invalid(places), shading="nearest", **style)
+    known = runs.dropna(subset=[column])
+    places = known.pivot_table(column, y, x, aggfunc=of).reindex(index=ys, columns=xs)
+    shown = np.ma.masked_invalid(places.to_numpy(dtype=float))
+    return ax.pcolormesh(xs, ys, shown, shading="nearest", **style)
 
 
 def _ranks(runs: DataFrame) -> dict[str, int]:
