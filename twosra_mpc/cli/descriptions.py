@@ -10,12 +10,10 @@ from typing import Annotated, Any, Literal
 
 import click
 
-from twosra_mpc import files
+from twosra_mpc import InputError, files, load_problem, load_robot, robot_names, scenario_names
 from twosra_mpc.cli.options import NewFile, argument, command, completed, option
 from twosra_mpc.cli.output import Output, numbers, print_table
-from twosra_mpc.errors import InputError
-from twosra_mpc.problem.problem import load_problem, scenario_names
-from twosra_mpc.robot.description import load_robot, robot_document, robot_names
+from twosra_mpc.robot.description import robot_document
 
 
 @command("scenarios")

@@ -19,13 +19,10 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc import files, plotting
+from twosra_mpc import InputError, Problem, files, load_problem, plotting, with_path_model
 from twosra_mpc.cli.output import Output
-from twosra_mpc.errors import InputError
 from twosra_mpc.installation import install_command
 from twosra_mpc.keys import stem_of
-from twosra_mpc.problem.problem import Problem, load_problem
-from twosra_mpc.robot.description import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 
 Check = Callable[[Path], object]  # raises InputError where a file may not be written

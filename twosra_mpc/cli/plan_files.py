@@ -10,20 +10,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from twosra_mpc import plotting
-from twosra_mpc.checking.plan_file import (
-    Check,
+from twosra_mpc import (
+    InputError,
     PlanCheck,
     check_plan,
     load_plan,
+    plotting,
     refined,
+    save_setpoints,
 )
+from twosra_mpc.checking.plan_file import Check
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
-from twosra_mpc.errors import MISSING, InputError
+from twosra_mpc.errors import MISSING
 from twosra_mpc.files import attributes
 from twosra_mpc.installation import require
-from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.tolerances import UNPROVED
 
 if TYPE_CHECKING:

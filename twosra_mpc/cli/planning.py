@@ -11,18 +11,23 @@ from typing import Annotated, Any
 
 import click
 
-from twosra_mpc import plotting
+from twosra_mpc import (
+    Plan,
+    Problem,
+    Progress,
+    Result,
+    Status,
+    confirmed_lower_bound,
+    plotting,
+    save_setpoints,
+)
 from twosra_mpc.checking.followed import OFF_PATH, plan_off_words
 from twosra_mpc.cli import options
 from twosra_mpc.cli.options import written
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.installation import require
-from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
-from twosra_mpc.planning.planner import Progress, plan_until_interrupted
-from twosra_mpc.plans.plan import Plan, Status, above_bound, as_confirmed
-from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.setpoints import save_setpoints
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.planning.planner import plan_until_interrupted
+from twosra_mpc.plans.plan import above_bound, as_confirmed
 from twosra_mpc.robot.modes import mode_name
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import click
 import numpy as np
 
-from twosra_mpc import plotting
+from twosra_mpc import Problem, Result, plotting
 from twosra_mpc.checking.followed import OFF_PATH, off_words
 from twosra_mpc.cli import options
 from twosra_mpc.cli.options import option, word
@@ -26,8 +26,6 @@ from twosra_mpc.execution.simulation.simulate import (
 )
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.plan import planned_words
-from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.problem import Problem
 
 _PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 

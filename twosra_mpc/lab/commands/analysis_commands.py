@@ -8,17 +8,15 @@ from typing import Annotated, Any
 
 import click
 
+from twosra_mpc import PlanInterrupted, Problem, Result, Status
 from twosra_mpc.cli import options
 from twosra_mpc.cli.options import SCENARIO, Load, Plot, argument, command, overrides
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.files import attributes
 from twosra_mpc.lab.analysis import explanation
 from twosra_mpc.lab.analysis.critical_path import Activity
-from twosra_mpc.plans.plan import Status, quality
-from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.plans.plan import quality
 from twosra_mpc.robot.modes import sequence_name
 
 

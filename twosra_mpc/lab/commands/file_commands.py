@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+from twosra_mpc import Robot, load_problem, load_robot, scenario_names
 from twosra_mpc.checking.plan_file import checked_text
 from twosra_mpc.cli import options
 from twosra_mpc.cli.options import Finite, argument, command, ending, option, written
@@ -16,8 +17,6 @@ from twosra_mpc.lab.export.robot_chain import urdf
 from twosra_mpc.lab.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.lab.identification.motion_log import save_authors_csv
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.problem.problem import load_problem, scenario_names
-from twosra_mpc.robot.description import Robot, load_robot
 
 
 def _world(source: str) -> tuple[Robot, str]:

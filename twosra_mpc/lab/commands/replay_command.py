@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import click
 
+from twosra_mpc import InputError, Robot, load_robot, with_path_model
 from twosra_mpc.checking.followed import OFF_PATH, off_words
 from twosra_mpc.cli.options import ROBOT, Plot, argument, command, option
 from twosra_mpc.cli.output import Output, digits, print_table
-from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
 from twosra_mpc.lab.csv_table import numbers_in, read_csv
 from twosra_mpc.lab.identification.motion_log import (
@@ -22,7 +22,6 @@ from twosra_mpc.lab.identification.motion_log import (
 )
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Robot, load_robot, with_path_model
 from twosra_mpc.robot.modes import mode_name
 
 

@@ -13,10 +13,9 @@ from typing import Annotated, Literal, TypeAlias
 
 import click
 
-from twosra_mpc.checking.plan_file import load_plan
+from twosra_mpc import InputError, Plan, Robot, TwosraError, load_plan, load_robot
 from twosra_mpc.cli.options import ROBOT, argument, command, ending, option, written
 from twosra_mpc.cli.output import Exit, Output, print_table
-from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.lab.bench.jog import Asked, Jog, Keys, for_a_time, heated_mode, jog, wheels_of_twist
@@ -35,9 +34,7 @@ from twosra_mpc.lab.serial.stream import (
 )
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.policy import relies
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.coordinates import WHEELS
-from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import mode_name
 
 RobotId: TypeAlias = Annotated[int | None, option(type=click.IntRange(min=0))]

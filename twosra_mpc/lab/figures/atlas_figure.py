@@ -14,12 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import Locator, LogLocator, NullFormatter, SymmetricalLogLocator
 
+from twosra_mpc import InputError, Plan
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
 from twosra_mpc.keys import key_of, unit_of
 from twosra_mpc.lab.batch.atlas import Worth, atlas, counted, has_greedy, numeric_keys, plans
 from twosra_mpc.lab.studio.goal_map import Cell
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting import figures, timeline_figures
 from twosra_mpc.plotting.plan_figures import WIDTH_IN, plan_title
 

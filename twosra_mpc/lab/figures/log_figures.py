@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Mode, Robot, robot_shape
 from twosra_mpc.lab.identification.heating_log import EvenLog, runs
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.path_fitting import (
@@ -36,12 +36,10 @@ from twosra_mpc.lab.identification.path_fitting import (
 )
 from twosra_mpc.lab.identification.replay import PhaseReplay
 from twosra_mpc.lab.identification.thermal_fit import ThermalFit
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import figures, plane, timeline_figures
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import Mode, mode_name
+from twosra_mpc.robot.modes import mode_name
 
 BODY_COLOUR = "#12997c"
 MEASURED: dict[str, Any] = {"ls": "", "marker": ".", "ms": 3.0, "c": "0.6", "zorder": 2}

@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Robot
 from twosra_mpc.lab.identification.heating_log import LEAST_SAMPLES, EvenLog, HeatingLog, runs
 from twosra_mpc.lab.identification.log_response import Response
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import Segment
 
 # Residuals are taken as correlated up to this time: five of the sensor's two lags. What a model

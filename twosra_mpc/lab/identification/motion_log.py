@@ -23,21 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from twosra_mpc import Follow, InputError, Mode, Plan, Robot, robot_shape
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.followed import followed
-from twosra_mpc.errors import InputError, doubt
+from twosra_mpc.errors import doubt
 from twosra_mpc.files import LARGEST, ending_of, reading, write_text
 from twosra_mpc.keys import doubts
 from twosra_mpc.lab.csv_table import CsvTable, finer_unit, number, read_csv
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import carried, object_poses
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import csv_of
 from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.tasks import Follow
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, composed, inverse
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
+from twosra_mpc.robot.modes import is_rigid, soft_segments
 from twosra_mpc.validation import ReadOnlyArrays
 
 LEAST_ROWS = 3  # of a log: less has no course

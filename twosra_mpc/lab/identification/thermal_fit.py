@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc import InputError, Robot
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
 from twosra_mpc.lab.identification import log_fit
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
 from twosra_mpc.lab.identification.log_fit import Bounded, Family, Residuals
@@ -31,7 +31,6 @@ from twosra_mpc.lab.identification.log_response import (
     TwoNodePlant,
     respond,
 )
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 from twosra_mpc.thermal.uncertainty import NORMAL_95

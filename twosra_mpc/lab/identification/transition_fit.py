@@ -25,8 +25,8 @@ from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
+from twosra_mpc import InputError, Robot
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import read_csv
 from twosra_mpc.lab.identification import log_fit
 from twosra_mpc.lab.identification.heating_log import Flags, check_readings
@@ -40,7 +40,6 @@ from twosra_mpc.lab.identification.thermal_fit import (
     two_node_segment,
 )
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import Heater, TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 from twosra_mpc.validation import ArrayValue

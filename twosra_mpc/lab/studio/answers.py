@@ -14,23 +14,28 @@ from typing import Any, Literal
 
 import numpy as np
 
+from twosra_mpc import (
+    InputError,
+    Plan,
+    Problem,
+    Result,
+    RobotShape,
+    confirmed_lower_bound,
+    load_robot,
+    plan,
+    robot_shape,
+    with_path_model,
+)
 from twosra_mpc.effort import limited
-from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes, built_in_names
 from twosra_mpc.lab.analysis.critical_path import critical_path
 from twosra_mpc.lab.analysis.explanation import reasons
 from twosra_mpc.lab.report import player
 from twosra_mpc.lab.report.page import drawn, report_page, scenario_toml
-from twosra_mpc.model.outline import RobotShape, robot_shape
-from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Plan, relative_gap
-from twosra_mpc.plans.result import Result
+from twosra_mpc.plans.plan import relative_gap
 from twosra_mpc.plans.setpoints import setpoints_csv
 from twosra_mpc.plotting.world_figures import outlines_m
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import load_robot, with_path_model
 from twosra_mpc.robot.modes import sequence_name
 from twosra_mpc.validation import Count, Metres, Numbers, Value
 
