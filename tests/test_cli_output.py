@@ -36,7 +36,7 @@ from benchmarks.files.heating import true_history, write_log
 from benchmarks.files.melts import made_up
 from benchmarks.files.melts import write as write_rows
 from benchmarks.files.photographs import write_folder
-from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc import NoPlanError, Problem, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, simulate_command
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
@@ -47,7 +47,6 @@ from twosra_mpc.lab.report import page
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
-from twosra_mpc.problem.problem import Problem
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
 OWN_TESTS = ("doctor", "reproduce", "batch", "atlas", "studio", "learn")  # examples run there

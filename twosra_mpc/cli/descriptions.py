@@ -68,9 +68,6 @@ def _built_in() -> list[str]:
     return [name for folder in _FOLDERS.values() for name in files.built_in_names(folder)]
 
 
-_COMPLETED: dict[str, Any] = {"shell_complete": completed(_built_in)}
-
-
 class _New(NewFile):
     """A TOML file to write, named with or without its ending."""
 
@@ -88,7 +85,9 @@ class _New(NewFile):
 def new_command(
     kind: Annotated[Kind, argument()],
     path: Annotated[Path, argument("NAME", type=_New())],
-    source: Annotated[str | None, option("--from", metavar="BUILT_IN", **_COMPLETED)],
+    source: Annotated[
+        str | None, option("--from", metavar="BUILT_IN", shell_complete=completed(_built_in))
+    ],
     force: bool,
     output: Output,
 ) -> None:

@@ -159,18 +159,15 @@ def word(usual: Iterable[str], **settings: Any) -> Declared:
 
     Its help names them in the place of ``{}``.
     """
-
-    def declared(name: str, annotation: Any, words: str) -> list[click.Parameter]:
-        settings["shell_complete"] = completed(lambda: usual)
-        return option(**settings)(name, annotation, words.format(", ".join(usual)))
-
-    return declared
+    declared = option(shell_complete=completed(lambda: usual), **settings)
+    return lambda name, annotation, words: declared(
+        name, annotation, words.format(", ".join(usual))
+    )
 
 
 SCENARIO, ROBOT = _built_in("scenarios"), _built_in("robots")
 Scenario: TypeAlias = Annotated[str, argument(**SCENARIO)]
 RobotName: TypeAlias = Annotated[str, argument(**ROBOT)]
-SEED = click.IntRange(min=0)
 
 _EXTRA = re.compile(r"\{(\w+)\}")
 TIMINGS = ("nominal", "constant", "paper")  # of the built-in robots
@@ -230,8 +227,7 @@ def _declared(of: object, *without: str) -> list[click.Parameter]:
     _, words = _documented(of)
     found = list[click.Parameter]()
     for name, hint in get_type_hints(of, include_extras=True).items():
-        declare = getattr(hint, "__metadata__", (option(),))[0]
-        kind = get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
+        kind, declare = get_args(hint) if get_origin(hint) is Annotated else (hint, option())
         if name not in (*without, "output", "return"):
             found += declare(name, kind, words.get(name, ""))
     return found

@@ -172,16 +172,13 @@ def resample_command(
     output.record((given.robot.name, "resampled"), document)
 
 
-_FILM_S = options.Finite(1.0, 120.0)
-
-
 @options.command("animate")
 def animate_command(
     plan: Annotated[Path, options.argument()],
     out: Annotated[Path, options.out_argument(options.film)],
-    seconds: Annotated[float, options.option(type=_FILM_S, default=12.0)],
+    seconds: Annotated[float, options.option(type=options.Finite(1.0, 120.0), default=12.0)],
     output: Output,
-) -> int:
+) -> None:
     """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
 
     Waits are compressed, motion is slowed down, and a clock shows the time.
@@ -202,4 +199,3 @@ def animate_command(
         plotting.animate_plan(made, out, duration_s=seconds, on_progress=shown)
     document = {"file": str(out), "bytes": out.stat().st_size}
     output.record((made.robot.name, "animation"), document)
-    return Exit.PLANNED

@@ -27,8 +27,6 @@ from twosra_mpc.execution.simulation.simulate import (
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.plan import planned_words
 
-_PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
-
 
 @options.command("simulate")
 def simulate_command(
@@ -36,7 +34,7 @@ def simulate_command(
     plant: Annotated[str, word(ALL_PLANTS, default="arc")],
     viewer: bool,
     disturbance: Annotated[str, word(LEVELS, default="moderate")],
-    seed: Annotated[int, option(type=options.SEED, default=0)],
+    seed: Annotated[int, option(type=click.IntRange(min=0), default=0)],
     executor: Annotated[str, option(type=click.Choice(EXECUTORS), default="optimal")],
     runs: Annotated[int, option(type=click.IntRange(1), default=1)],
     broken: Annotated[tuple[int, ...], option("--broken-heater")],
