@@ -20,17 +20,11 @@ from twosra_mpc import InputError, Mode, NoPlanError, Plan, Robot, load_problem,
 from twosra_mpc import plan as find_plan
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.settings import Patience
+from twosra_mpc.lab.serial.playing import WheelCommand, wheel_commands
 from twosra_mpc.lab.serial.port import PortError, SteppedClock, SystemClock, stop_command
 from twosra_mpc.lab.serial.robot import STOPS
 from twosra_mpc.lab.serial.segments import ModelledSegment
-from twosra_mpc.lab.serial.stream import (
-    Confirm,
-    StreamError,
-    StreamState,
-    WheelCommand,
-    stream,
-    wheel_commands,
-)
+from twosra_mpc.lab.serial.stream import Confirm, StreamError, StreamState, stream
 from twosra_mpc.robot.modes import RIGID
 
 RATE_HZ, SLOW_HZ = 15.0, 5.0
