@@ -20,7 +20,7 @@ from twosra_mpc import InputError, load_robot
 from twosra_mpc.files import locate
 from twosra_mpc.lab.commands import thermal_fit_command
 from twosra_mpc.lab.commands.thermal_fit_command import write_identified_robot
-from twosra_mpc.lab.figures.log_figures import plot_thermal_fit
+from twosra_mpc.lab.figures.identification_figures import plot_thermal_fit
 from twosra_mpc.lab.identification.heating_log import (
     EvenLog,
     HeatingLog,

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from twosra_mpc import InputError, Mode, Robot, load_robot
-from twosra_mpc.lab.figures.log_figures import (
+from twosra_mpc.lab.figures.identification_figures import (
     CURVES,
     MODES,
     POSES,

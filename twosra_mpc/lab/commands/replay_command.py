@@ -84,7 +84,7 @@ def replay_command(
     recorded = read_motion_log(log, described, wheel_rad_s=speeds, mode=driven)
     phases = replay(recorded, described)
     if plot is not None:
-        from twosra_mpc.lab.figures.log_figures import plot_replay  # matplotlib is slow
+        from twosra_mpc.lab.figures.identification_figures import plot_replay  # matplotlib is slow
 
         plot_replay(recorded, described, phases, plot)
     found = recorded, described, phases

@@ -81,7 +81,7 @@ def estimate_curvature_command(
         if csv is not None:
             save_estimates(every, csv)
         if plot is not None or figures is not None:
-            from twosra_mpc.lab.figures.curvature_figure import plot_curvature  # takes a second
+            from twosra_mpc.lab.figures.experiment_figures import plot_curvature  # takes a second
         if plot is not None:
             tell("drawing")
             plot_curvature(every, camera, plot)

@@ -109,7 +109,7 @@ def fit_thermal_command(
         lambda tell: thermal_fit.identify(recorded, described, tell, number), recorded.ambient_C
     )
     if plot is not None:
-        from twosra_mpc.lab.figures.log_figures import plot_thermal_fit
+        from twosra_mpc.lab.figures.identification_figures import plot_thermal_fit
 
         plot_thermal_fit(fit, plot)
     scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]

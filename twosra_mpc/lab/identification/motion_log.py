@@ -1,10 +1,13 @@
-"""Logs of motion: what was commanded, and what a camera saw; the two formats of the authors.
+"""Logs of motion: what was commanded, and what a camera saw; and of objects that are carried.
 
 - Trials: columns x, y, angle, k1 ... kn (measured), v1, v2, u0, v0, r0 (inputs), s1 ... sn (mode)
   and time, in SI units; the model's state, where logged too, is ignored. ``export plan.csv`` writes
   the same columns.
 - Wheels: columns ``time stamp``, ``LU1 x``, ``LU1 y``, ``LU1 th`` and the same of LU2: poses of
   both units in an image [mm, degrees], y down; the wheel speeds, constant, are not in the file.
+- Objects: columns time, x, y, angle (of b0), object_x, object_y, object_angle, in SI units, as
+  ``export plan.csv`` writes them, and path_x and path_y, where the object was to be, if that is
+  known; other columns are ignored.
 
 Times are seconds, or times of day to a second: the rows of a second are then spread over it.
 """

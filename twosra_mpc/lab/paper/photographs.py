@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.figures.curvature_figure import plot_curvature, plot_spread
+from twosra_mpc.lab.figures.experiment_figures import plot_curvature, plot_spread
 from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from twosra_mpc.files import attributes
-from twosra_mpc.lab.figures.curvature_figure import plot_distances, plot_trials
+from twosra_mpc.lab.figures.experiment_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
 from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared

@@ -2,8 +2,8 @@
 
 Source: Labazanova et al., IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749, Algorithm 1. This module
 reproduces the published simulations, and is the reference in benchmarks; the model, with its q,
-v, sigma and J, is ``greedy.published_model``. Nothing is repaired here either; the planner to use
-is ``greedy.planner``. One iteration at t = DT, 2 DT, ... is::
+v, sigma and J, is ``published_model``. Nothing is repaired here either; the planner to use
+is ``planning.planner``. One iteration at t = DT, 2 DT, ... is::
 
     v_i = J_i^+ (q_t - q) t,    q*_i = q + (1 - e^-t) J_i v_i DT,    i in {00, 01, 10, 11}
 
@@ -17,6 +17,11 @@ stop on.
 The five published simulations: their tasks are those of the built-in scenarios, trial n of the
 hardware has the task ``paper-n``; what else they were run with is by the authors' simulated
 trajectories (2sr-agent-simulation).
+
+Random problems are drawn as its authors draw, and without structure. The authors' script
+(``control.py``) draws a start, a stiffness and an input by Python's ``random``, and lets forward
+kinematics make the target with both constant for 10 s: one mode alone leads to every target. Its
+draws have no seed; with one, in the same order, they can be repeated on any machine.
 """
 
 from __future__ import annotations

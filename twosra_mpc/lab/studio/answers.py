@@ -2,7 +2,8 @@
 
 Nothing here knows how messages travel. Every answer is an iterator of records with a ``kind``: the
 drawing of the problem at once, then what is proved without surroundings, then plans that become
-better until the gap that is asked for is closed, or nobody waits any more.
+better until the gap that is asked for is closed, or nobody waits any more. A file of a problem is
+saved as scenario, Python program, plan, set-points or report.
 """
 
 from __future__ import annotations

@@ -62,7 +62,9 @@ def fit_paths_command(
         if out is not None:
             write_fitted_robot(robot, out, described, model)
         if plot is not None:
-            from twosra_mpc.lab.figures.log_figures import plot_paths  # matplotlib is slow
+            from twosra_mpc.lab.figures.identification_figures import (
+                plot_paths,  # matplotlib is slow
+            )
 
             plot_paths(described, plot)
     spirals, cardioids = fit_spirals(described.geometry), fit_cardioids(described.geometry)
