@@ -36,18 +36,17 @@ from benchmarks.files.heating import true_history, write_log
 from benchmarks.files.melts import made_up
 from benchmarks.files.melts import write as write_rows
 from benchmarks.files.photographs import write_folder
-from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc import NoPlanError, Problem, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, simulate_command
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
-from twosra_mpc.lab.commands import jog_command, robot_line, stream_command
+from twosra_mpc.lab.commands import serial_commands
 from twosra_mpc.lab.figures import paper_figures
 from twosra_mpc.lab.report import page
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
-from twosra_mpc.problem.problem import Problem
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
 OWN_TESTS = ("doctor", "reproduce", "batch", "atlas", "studio", "learn")  # examples run there
@@ -366,9 +365,8 @@ def connect(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
         def connect_once(numbers: int) -> None:
             firmware = SimulatedFirmware(planned("rigid-move"), numbers=numbers)
             stack.callback(firmware.close)
-            monkeypatch.setattr(robot_line, "open_serial_port", lambda _: firmware.port)
-            for module in (stream_command, jog_command):
-                monkeypatch.setattr(module, "SystemClock", lambda: firmware)
+            monkeypatch.setattr(serial_commands, "open_serial_port", lambda _: firmware.port)
+            monkeypatch.setattr(serial_commands, "SystemClock", lambda: firmware)
 
         yield connect_once
 

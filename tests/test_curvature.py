@@ -23,7 +23,7 @@ from benchmarks.files.photographs import (
     write_folder,
 )
 from twosra_mpc import InputError, InputWarning
-from twosra_mpc.lab.figures.curvature_figure import plot_curvature
+from twosra_mpc.lab.figures.experiment_figures import plot_curvature
 from twosra_mpc.lab.photographs.arc import Arc, fit_arc
 from twosra_mpc.lab.photographs.picture import Camera, find_segment, pictures_in, read_photograph
 from twosra_mpc.lab.photographs.published_steps import published_curvature

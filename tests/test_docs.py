@@ -24,7 +24,7 @@ from twosra_mpc.lab.batch import workers
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.lab.paper import applications, statistics
-from twosra_mpc.lab.reproduction.random_problems import Kind, RandomRun, random_runs
+from twosra_mpc.lab.reproduction.published_runs import Kind, RandomRun, random_runs
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plans.branches import Policy
 from twosra_mpc.plotting import film

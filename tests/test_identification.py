@@ -20,14 +20,14 @@ from twosra_mpc import InputError, load_robot
 from twosra_mpc.files import locate
 from twosra_mpc.lab.commands import thermal_fit_command
 from twosra_mpc.lab.commands.thermal_fit_command import write_identified_robot
-from twosra_mpc.lab.figures.log_figures import plot_thermal_fit
+from twosra_mpc.lab.figures.identification_figures import plot_thermal_fit
 from twosra_mpc.lab.identification.heating_log import (
     EvenLog,
     HeatingLog,
     read_heating_log,
     resample,
 )
-from twosra_mpc.lab.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
+from twosra_mpc.lab.identification.log_fit import Fitted, doubts, fit, pooled_rms_C, residuals
 from twosra_mpc.lab.identification.log_response import (
     CORRECTED_S,
     HeaterLaw,
@@ -35,7 +35,6 @@ from twosra_mpc.lab.identification.log_response import (
     TwoNodePlant,
     driven,
 )
-from twosra_mpc.lab.identification.plausibility import doubts
 from twosra_mpc.lab.identification.thermal_fit import (
     LOGS_DIFFER,
     SEGMENT_FIELDS,

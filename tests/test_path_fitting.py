@@ -13,8 +13,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from twosra_mpc import InputError, load_robot
-from twosra_mpc.lab.figures.path_figure import (
+from twosra_mpc import InputError, Mode, Robot, load_robot
+from twosra_mpc.lab.figures.identification_figures import (
     CURVES,
     MODES,
     POSES,
@@ -37,9 +37,8 @@ from twosra_mpc.lab.identification.path_fitting import (
 )
 from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segments
+from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, soft_segments
 
 Array = NDArray[np.float64]
 

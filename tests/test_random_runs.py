@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from twosra_mpc.lab.paper.statistics import _shares
-from twosra_mpc.lab.reproduction.published_runs import StopReason
-from twosra_mpc.lab.reproduction.random_problems import (
+from twosra_mpc.lab.reproduction.published_runs import (
     MOST_PER_M,
     RandomRun,
+    StopReason,
     draw_single_mode,
     random_runs,
 )

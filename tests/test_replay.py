@@ -14,14 +14,12 @@ import pytest
 from conftest import Run
 from once import planned
 
-from twosra_mpc import InputError, load_robot
+from twosra_mpc import InputError, load_robot, robot_shape, with_path_model
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log, save_authors_csv
 from twosra_mpc.lab.identification.replay import LEAST_BEND_RAD, PhaseReplay, replay
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import with_path_model
 
 pytestmark = pytest.mark.filterwarnings("error::twosra_mpc.errors.InputWarning")
 

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgba
 from test_reproduce import CURVATURES, TRIAL, write_log
 
 from benchmarks.files.photographs import camera, write_folder
-from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_spread, plot_trials
+from twosra_mpc.lab.figures.experiment_figures import plot_distances, plot_spread, plot_trials
 from twosra_mpc.lab.identification.motion_log import read_motion_log
 from twosra_mpc.lab.paper.trials import DTW
 from twosra_mpc.lab.photographs.study import estimate_folder

@@ -10,7 +10,7 @@ import pytest
 from twosra_mpc import InputError, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.cli import main
-from twosra_mpc.lab.commands.fit_paths_command import write_fitted_robot
+from twosra_mpc.lab.commands.robot_file_commands import write_fitted_robot
 from twosra_mpc.lab.identification.path_fitting import fit_spirals, fitted_path_tables
 from twosra_mpc.robot.description import PATH_MODELS, with_path_model
 from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath

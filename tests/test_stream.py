@@ -16,7 +16,7 @@ from once import planned
 from problems import ROBOT
 from simulated_firmware import SimulatedFirmware, assert_off
 
-from twosra_mpc import InputError, NoPlanError, Plan, Robot, load_problem, load_robot
+from twosra_mpc import InputError, Mode, NoPlanError, Plan, Robot, load_problem, load_robot
 from twosra_mpc import plan as find_plan
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.settings import Patience
@@ -25,7 +25,7 @@ from twosra_mpc.lab.serial.port import PortError, SteppedClock, SystemClock, sto
 from twosra_mpc.lab.serial.robot import STOPS
 from twosra_mpc.lab.serial.segments import ModelledSegment
 from twosra_mpc.lab.serial.stream import Confirm, StreamError, StreamState, stream
-from twosra_mpc.robot.modes import RIGID, Mode
+from twosra_mpc.robot.modes import RIGID
 
 RATE_HZ, SLOW_HZ = 15.0, 5.0
 SILENT: Callable[[float, int, float], bytes] = lambda _t, _j, _temperature: b""  # noqa: E731

@@ -175,7 +175,7 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     run: Run, saved: Path, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hasty = functools.partial(stream, patience=Patience(listen_s=0.2))
-    monkeypatch.setattr("twosra_mpc.lab.commands.stream_command.stream", hasty)
+    monkeypatch.setattr("twosra_mpc.lab.commands.serial_commands.stream", hasty)
     outcome = run("stream", saved, "--port", terminal.name, "--confirm", "required")
     os.close(terminal.ours)
     assert (outcome.code, outcome.out) == (4, "")

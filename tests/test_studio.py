@@ -8,7 +8,7 @@ import math
 import re
 import threading
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlparse
@@ -20,17 +20,13 @@ from chromium import eventually
 from conftest import Run as RunProgram
 from once import solved
 
-from twosra_mpc import Problem, load_plan, load_problem
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Problem, load_plan, load_problem, plan, robot_shape
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.lab.studio import Server, widget
-from twosra_mpc.lab.studio.answers import Ask, GivenUp, Pull, answers, asked_problem, document
+from twosra_mpc.lab.studio.answers import Ask, Pull, Saved, answers, asked_problem, document, saved
 from twosra_mpc.lab.studio.goal_map import goal_map, moved
 from twosra_mpc.lab.studio.live import LiveRun, Push, Run
-from twosra_mpc.lab.studio.saved import Saved, saved
-from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.planning.planner import plan
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 PAPER = load_problem("paper-1")
@@ -271,7 +267,9 @@ def test_a_search_knows_that_another_page_waits(
 ) -> None:
     begun, told = list[Ask](), list[str]()
 
-    def search(ask: Ask, _: GivenUp, others_wait: GivenUp) -> Iterator[dict[str, Any]]:
+    def search(
+        ask: Ask, _: Callable[[], bool], others_wait: Callable[[], bool]
+    ) -> Iterator[dict[str, Any]]:
         yield {"kind": "result"}
         if ask.film:  # the long one
             begun.append(ask)

@@ -6,16 +6,14 @@ import json
 import os
 import shlex
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import click
 
-from twosra_mpc import files
-from twosra_mpc.cli.options import NewFile, command, completed
+from twosra_mpc import InputError, files, load_problem, load_robot, robot_names, scenario_names
+from twosra_mpc.cli.options import NewFile, argument, command, completed, option
 from twosra_mpc.cli.output import Output, numbers, print_table
-from twosra_mpc.errors import InputError
-from twosra_mpc.problem.problem import load_problem, scenario_names
-from twosra_mpc.robot.description import load_robot, robot_document, robot_names
+from twosra_mpc.robot.description import robot_document
 
 
 @command("scenarios")
@@ -70,9 +68,6 @@ def _built_in() -> list[str]:
     return [name for folder in _FOLDERS.values() for name in files.built_in_names(folder)]
 
 
-_COMPLETED: dict[str, Any] = {"shell_complete": completed(_built_in)}
-
-
 class _New(NewFile):
     """A TOML file to write, named with or without its ending."""
 
@@ -87,11 +82,15 @@ class _New(NewFile):
 
 
 @command("new")
-@click.argument("kind", type=click.Choice(get_args(Kind)))
-@click.argument("path", metavar="NAME", type=_New())
-@click.option("--from", "source", metavar="BUILT_IN", help="Copy it.", **_COMPLETED)
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
-def new_command(kind: Kind, path: Path, source: str | None, force: bool, output: Output) -> None:
+def new_command(
+    kind: Annotated[Kind, argument()],
+    path: Annotated[Path, argument("NAME", type=_New())],
+    source: Annotated[
+        str | None, option("--from", metavar="BUILT_IN", shell_complete=completed(_built_in))
+    ],
+    force: bool,
+    output: Output,
+) -> None:
     """Write a scenario, a robot or a batch to start from: NAME, with or without .toml.
 
     A new scenario shows every key, the optional ones as comments; with --from it is a copy of a
@@ -108,6 +107,10 @@ def new_command(kind: Kind, path: Path, source: str | None, force: bool, output:
       twosra new robot my-2sr --from 2sr-v2
     Many problems at once:
       twosra new batch many
+
+    Options:
+        source: Copy it.
+        force: Replace a file that is there.
     """
     text = _text(kind, source, path.stem)
     if os.path.isfile(path) and not force:
@@ -148,8 +151,9 @@ def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
 
 
 @command("schema")
-@click.argument("subject", type=click.Choice(["scenario", "robot", "plan"]))
-def schema_command(subject: Literal["scenario", "robot", "plan"], output: Output) -> None:
+def schema_command(
+    subject: Annotated[Literal["scenario", "robot", "plan"], argument()], output: Output
+) -> None:
     """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
 
     \b

@@ -17,13 +17,11 @@ from typing import Literal, NamedTuple
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from twosra_mpc.checking.plan_file import check_plan
+from twosra_mpc import check_plan, load_problem, plan
 from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.installation import DISTRIBUTION, __version__, install_command
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.problem.problem import load_problem
 
 _EXTRA = re.compile(r"extra == ['\"](.+?)['\"]")  # in the marker of a requirement
 _packages_of_modules = functools.cache(metadata.packages_distributions)  # takes half a second

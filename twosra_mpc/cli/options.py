@@ -1,53 +1,33 @@
-"""Options that commands share: output, overrides of a scenario, files checked before any work."""
+"""Arguments of commands, each declared once: the option that sets it follows from its annotation.
+
+Its help stands in the docstring of the command. Some are shared: overrides of a scenario, and files
+that are checked before any work.
+"""
 
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc import files, plotting
+from twosra_mpc import InputError, Problem, files, load_problem, plotting, with_path_model
 from twosra_mpc.cli.output import Output
-from twosra_mpc.errors import InputError
 from twosra_mpc.installation import install_command
-from twosra_mpc.problem.problem import Problem, load_problem
-from twosra_mpc.robot.description import with_path_model
+from twosra_mpc.keys import stem_of
 from twosra_mpc.robot.paths import PATH_MODELS
 
-Function = Callable[..., Any]
-Decorator = Callable[[Function], Function]
 Check = Callable[[Path], object]  # raises InputError where a file may not be written
 Load = Callable[..., Problem]
-
-
-def completed(
-    words: Callable[[], Iterable[str]], *, or_file: bool = False
-) -> Callable[..., list[CompletionItem]]:
-    """Completion of words, which are asked for when it is; or of the name of a file."""
-
-    def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
-        found = [CompletionItem(word) for word in words() if word.startswith(begun)]
-        return [*found, *[CompletionItem(begun, type="file")] * or_file]
-
-    return complete
-
-
-def _built_in(folder: str) -> dict[str, Any]:
-    """Settings of an argument that is the name of a built-in scenario or robot, or a file."""
-    names = functools.partial(files.built_in_names, folder)
-    return {"shell_complete": completed(names, or_file=True), "type": SOURCE}
-
-
-def word_option(name: str, words: str, usual: Iterable[str], **settings: Any) -> Decorator:
-    """Add an option that completes the usual words; whoever takes it refuses others by name."""
-    return click.option(name, help=words, shell_complete=completed(lambda: usual), **settings)
+Declared = Callable[[str, Any, str], list[click.Parameter]]  # of an argument's name, type, words
 
 
 class Source(click.types.StringParamType):
@@ -75,103 +55,6 @@ class Risk(click.types.StringParamType):
             return float(value)
         except ValueError:
             return value
-
-
-SOURCE = Source()
-SCENARIO, ROBOT = _built_in("scenarios"), _built_in("robots")
-FILE = File()
-SEED = click.IntRange(min=0)
-
-_EXTRA = re.compile(r"\{(\w+)\}")
-_JSON = click.Option(["--json", "as_json"], is_flag=True, help="Print JSON instead of tables.")
-_QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; see the exit code.")
-_DEBUG = click.Option(
-    ["--debug"], is_flag=True, expose_value=False, help="Show where in the program a bug is."
-)
-_PLANNERS = click.Choice(["optimal", "greedy"])
-_WORK = "Stop the search after so much work; 1000 units are about a second."
-_SECONDS = "Stop it after so much CPU time, whatever it has done [s]."
-TIMINGS = ("nominal", "constant", "paper")  # of the built-in robots
-_TIMES = f"{', '.join(TIMINGS)}, or the robot's own"
-_SCENARIO_OPTIONS: dict[str, Decorator] = {
-    "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
-    "robot": click.option("--robot", help="Override it: a built-in name or a file.", **ROBOT),
-    "path_model": word_option(
-        "--path-model", f"Override the robot's path model: {', '.join(PATH_MODELS)}.", PATH_MODELS
-    ),
-    "timing": word_option("--timing", f"Override the transition times: {_TIMES}.", TIMINGS),
-    "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
-    "work_limit": click.option("--work-limit", type=float, help=_WORK),
-    "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
-    "risk": click.option(
-        "--risk", type=Risk(), help="What counts of uncertain time: nominal, mean, or 0.9."
-    ),
-    "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),
-    "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
-}
-
-
-def command(name: str) -> Callable[[Function], click.Command]:
-    """Make a function a command; as ``output`` it is given what ``--json``, ``--quiet`` chose.
-
-    A file that is written to standard output is alone there.
-    Its help is what the function says of itself, with how to install an extra for the extra's name
-    in braces.
-    """
-
-    def decorate(function: Function) -> click.Command:
-        @functools.wraps(function)
-        def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
-            outputs = click.get_current_context().meta.get("outputs", ())
-            free = "stdout" not in map(files.stream_of, outputs)
-            chosen = Output(as_json=as_json and free, quiet=quiet or not free)
-            with files.outputs_are_no_inputs(outputs):
-                return function(output=chosen, **given)
-
-        words = _EXTRA.sub(lambda found: install_command(found[1]), function.__doc__ or "")
-        made = click.command(name, help=words)(run)
-        made.params += [_JSON, _QUIET, _DEBUG]
-        return made
-
-    return decorate
-
-
-def scenario_options(*without: str) -> Decorator:
-    """Add options that override keys of a scenario; the command is given ``load``, to load one so.
-
-    Args:
-        without: Keys of a scenario file, ``path_model`` or ``exact``, that it does not override.
-    """
-    names = [name for name in _SCENARIO_OPTIONS if name not in without]
-
-    def decorate(function: Function) -> Function:
-        @functools.wraps(function)
-        def command(*args: Any, **given: Any) -> Any:
-            asked = {name: given.pop(name) for name in names}
-            chosen = {name: value for name, value in asked.items() if value is not None}
-            return function(*args, load=functools.partial(_load, **chosen), **given)
-
-        decorated: Function = command
-        for name in reversed(names):
-            decorated = _SCENARIO_OPTIONS[name](decorated)
-        return decorated
-
-    return decorate
-
-
-def _load(
-    scenario: str, path_model: str | None = None, exact: bool = False, **overrides: Any
-) -> Problem:
-    """Load a scenario; to be run it counts with uncertain times, where it does not say whether."""
-    to_run = overrides.pop("to_run", False)
-    problem = load_problem(scenario, **overrides)
-    uncertain = problem.only_time and problem.robot.uncertainty is not None
-    if to_run and uncertain and "risk" not in problem.model_fields_set:
-        problem = problem.with_values(risk="mean")
-    if exact:
-        problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
-    robot = problem.robot if path_model is None else with_path_model(problem.robot, path_model)
-    return problem.with_values(robot=robot)
 
 
 class Finite(click.FloatRange):
@@ -206,8 +89,207 @@ class NewFile(click.Path):
         return target
 
 
-def out_argument(check: Check) -> Decorator:
-    """Add OUT, the file to write; who names it by an option is told where it stands."""
+SOURCE, FILE = Source(), File()
+
+
+def option(*names: str, **settings: Any) -> Declared:
+    """Declare the option that sets an argument; ``--out`` is ``-o``, too.
+
+    Its type is that of the annotation: a bool is a flag, and a tuple may be given several times.
+    What may be None or has a default need not be given.
+
+    Args:
+        names: What is typed; default: the argument's name, without its unit.
+        settings: Of click's option.
+    """
+
+    def declared(name: str, annotation: Any, words: str) -> list[click.Parameter]:
+        typed, several, free = _typed(annotation)
+        needed = not (free or several or "is_flag" in typed or "default" in settings)
+        given = {"multiple": several, "required": needed, "help": words, **typed, **settings}
+        usual = f"--{stem_of(name).replace('_', '-')}", *["-o"] * (name == "out")
+        return [click.Option([name, *(names or usual)], **given)]
+
+    return declared
+
+
+def argument(metavar: str | None = None, **settings: Any) -> Declared:
+    """Declare an argument by its place; of a tuple there is at least one."""
+
+    def declared(name: str, annotation: Any, _words: str) -> list[click.Parameter]:
+        typed, several, _ = _typed(annotation)
+        many: dict[str, Any] = {"nargs": -1} if several else {}
+        given = {"metavar": metavar, "required": "default" not in settings, **typed, **settings}
+        return [click.Argument([name], **many, **given)]
+
+    return declared
+
+
+def _typed(annotation: Any) -> tuple[dict[str, Any], bool, bool]:
+    """Settings of click by an annotation; whether there may be several values, and none."""
+    parts, several = get_args(annotation), get_origin(annotation) is tuple
+    kind = parts[0] if several or NoneType in parts else annotation
+    free = NoneType in parts
+    if kind is bool:
+        return {"is_flag": True} | ({"default": None} if free else {}), several, free
+    kind = click.Choice(get_args(kind)) if get_origin(kind) is Literal else kind
+    return {"type": FILE if kind is Path else kind}, several, free
+
+
+def completed(
+    words: Callable[[], Iterable[str]], *, or_file: bool = False
+) -> Callable[..., list[CompletionItem]]:
+    """Completion of words, which are asked for when it is; or of the name of a file."""
+
+    def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
+        found = [CompletionItem(word) for word in words() if word.startswith(begun)]
+        return [*found, *[CompletionItem(begun, type="file")] * or_file]
+
+    return complete
+
+
+def _built_in(folder: str) -> dict[str, Any]:
+    """Settings of an argument that is the name of a built-in scenario or robot, or a file."""
+    names = functools.partial(files.built_in_names, folder)
+    return {"shell_complete": completed(names, or_file=True), "type": SOURCE}
+
+
+def word(usual: Iterable[str], **settings: Any) -> Declared:
+    """Declare an option that completes usual words; whoever takes it refuses others by name.
+
+    Its help names them in the place of ``{}``.
+    """
+    declared = option(shell_complete=completed(lambda: usual), **settings)
+    return lambda name, annotation, words: declared(
+        name, annotation, words.format(", ".join(usual))
+    )
+
+
+SCENARIO, ROBOT = _built_in("scenarios"), _built_in("robots")
+Scenario: TypeAlias = Annotated[str, argument(**SCENARIO)]
+RobotName: TypeAlias = Annotated[str, argument(**ROBOT)]
+
+_EXTRA = re.compile(r"\{(\w+)\}")
+TIMINGS = ("nominal", "constant", "paper")  # of the built-in robots
+
+
+class _Overrides:
+    """Options that override keys of a scenario file, its ``path_model`` and its ``exact``.
+
+    Options:
+        planner: Override the scenario.
+        robot: Override it: a built-in name or a file.
+        path_model: Override the robot's path model: {}.
+        timing: Override the transition times: {}, or the robot's own.
+        gap: Relative gap to stop at, e.g. 0.01.
+        work_limit: Stop the search after so much work; 1000 units are about a second.
+        time_limit_s: Stop it after so much CPU time, whatever it has done [s].
+        risk: What counts of uncertain time: nominal, mean, or 0.9.
+        max_phases: Longest mode sequence searched.
+        exact: Meet the goal exactly.
+    """
+
+    planner: Literal["optimal", "greedy"] | None
+    robot: Annotated[str | None, option(**ROBOT)]
+    path_model: Annotated[str | None, word(PATH_MODELS)]
+    timing: Annotated[str | None, word(TIMINGS)]
+    gap: float | None
+    work_limit: float | None
+    time_limit_s: float | None
+    risk: Annotated[float | str | None, option(type=Risk())]
+    max_phases: int | None
+    exact: bool | None
+
+
+class _Shared:
+    """Options of every command.
+
+    Options:
+        as_json: Print JSON instead of tables.
+        quiet: Print errors only; see the exit code.
+        debug: Show where in the program a bug is.
+    """
+
+    as_json: Annotated[bool, option("--json")]
+    quiet: Annotated[bool, option("--quiet", "-q")]
+    debug: Annotated[bool, option(expose_value=False)]
+
+
+def _documented(of: object) -> tuple[str, dict[str, str]]:
+    """Docstring without its options, and what it says of each of them."""
+    text, _, options = (inspect.getdoc(of) or "").partition("\n\nOptions:\n")
+    said = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", options, re.MULTILINE)
+    return text, {name: " ".join(words.split()) for name, words in said}
+
+
+def _declared(of: object, *without: str) -> list[click.Parameter]:
+    """Parameters of click by the annotations of a function or a class."""
+    _, words = _documented(of)
+    found = list[click.Parameter]()
+    for name, hint in get_type_hints(of, include_extras=True).items():
+        kind, declare = get_args(hint) if get_origin(hint) is Annotated else (hint, option())
+        if name not in (*without, "output", "return"):
+            found += declare(name, kind, words.get(name, ""))
+    return found
+
+
+def overrides(*without: str) -> Declared:
+    """Declare ``load``, which loads a scenario, by options that override keys of it.
+
+    Args:
+        without: Those that there are not.
+    """
+    return lambda _name, _annotation, _words: _declared(_Overrides, *without)
+
+
+def command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
+    """Make a function a command, whose annotations declare what sets its arguments.
+
+    As ``output`` it is given what ``--json`` and ``--quiet`` chose; a file that is written to
+    standard output is alone there. Its help is what the function says of itself, with how to
+    install an extra for the extra's name in braces.
+    """
+
+    def decorate(function: Callable[..., Any]) -> click.Command:
+        own = get_type_hints(function)
+
+        @functools.wraps(function)
+        def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
+            outputs = click.get_current_context().meta.get("outputs", ())
+            free = "stdout" not in map(files.stream_of, outputs)
+            chosen = {key: given.pop(key) for key in [*given] if key not in own}
+            if "load" in own:
+                given["load"] = functools.partial(_load, **chosen)
+            with files.outputs_are_no_inputs(outputs):
+                output = Output(as_json=as_json and free, quiet=quiet or not free)
+                return function(output=output, **given)
+
+        words, _ = _documented(function)
+        words = _EXTRA.sub(lambda found: install_command(found[1]), words)
+        made = click.command(name, help=words)(run)
+        made.params += _declared(function) + _declared(_Shared)
+        return made
+
+    return decorate
+
+
+def _load(
+    scenario: str, path_model: str | None = None, exact: bool | None = None, **chosen: Any
+) -> Problem:
+    """Load a scenario; to be run it counts with uncertain times, where it does not say whether."""
+    to_run = chosen.pop("to_run", False)
+    problem = load_problem(scenario, **{k: v for k, v in chosen.items() if v is not None})
+    uncertain = problem.only_time and problem.robot.uncertainty is not None
+    if to_run and uncertain and "risk" not in problem.model_fields_set:
+        problem = problem.with_values(risk="mean")
+    if exact:
+        problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
+    robot = problem.robot if path_model is None else with_path_model(problem.robot, path_model)
+    return problem.with_values(robot=robot)
+
+
+def out_argument(check: Check) -> Declared:
+    """Declare OUT, the file to write; who names it by an option is told where it stands."""
 
     def told(ctx: click.Context, _: click.Parameter, given: str | None) -> None:
         if given is not None:
@@ -215,9 +297,8 @@ def out_argument(check: Check) -> Decorator:
             ctx.fail(f"OUT stands last, without an option: {ctx.command_path} {usage} {given}")
 
     unseen: dict[str, Any] = {"hidden": True, "is_eager": True, "expose_value": False}
-    named = click.option("-o", "--out", "_", callback=told, **unseen)
-    argument = click.argument("out", type=NewFile(check))
-    return lambda function: argument(named(function))
+    named = click.Option(["-o", "--out", "_"], callback=told, **unseen)
+    return lambda name, _annotation, _words: [named, click.Argument([name], type=NewFile(check))]
 
 
 def ending(*allowed: str) -> Check:
@@ -225,15 +306,9 @@ def ending(*allowed: str) -> Check:
     return lambda target: files.ending_of(target, *allowed)
 
 
-def choice_option(words: str, choices: Sequence[str], *names: str) -> Decorator:
-    """Add an option of these names that is one of a few words, by default the first."""
-    return click.option(*names, type=click.Choice(choices), default=choices[0], help=words)
-
-
-def file_option(name: str, words: str, *checks: Check) -> Decorator:
-    """Add an option for a file to write; ``--out`` is ``-o``, too."""
-    short = ("-o",) if name == "--out" else ()
-    return click.option(name, *short, type=NewFile(*checks), help=words)
+def written(*checks: Check) -> Declared:
+    """Declare an option for a file to write."""
+    return option(type=NewFile(*checks))
 
 
 def figure(target: Path) -> None:
@@ -246,20 +321,17 @@ def film(target: Path) -> None:
     plotting.check_animation_path(target)
 
 
-def plot_option(words: str) -> Decorator:
-    """Add ``--plot`` for a figure."""
-    return file_option("--plot", f"{words} (png, pdf, svg).", figure)
+Plot: TypeAlias = Annotated[Path | None, written(figure)]
 
 
-def rate_option(words: str, *, required: bool = False) -> Decorator:
-    """Add ``--rate`` for rows of set-points per second [Hz]."""
+def _checked_rate(
+    _ctx: click.Context, _param: click.Parameter, rate_Hz: float | None
+) -> float | None:
+    if rate_Hz is not None:
+        from twosra_mpc.plans.trajectory import check_rate  # CasADi takes a second
 
-    def checked(_ctx: click.Context, _param: click.Parameter, rate: float | None) -> float | None:
-        if rate is not None:
-            from twosra_mpc.plans.trajectory import check_rate  # CasADi takes a second
+        check_rate(rate_Hz)
+    return rate_Hz
 
-            check_rate(rate)
-        return rate
 
-    asked: dict[str, Any] = {"required": required, "callback": checked, "help": words}
-    return click.option("--rate", "rate_Hz", type=float, metavar="HZ", **asked)
+RATE = option("--rate", metavar="HZ", callback=_checked_rate)  # rows of set-points per second

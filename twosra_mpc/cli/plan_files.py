@@ -6,24 +6,25 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from twosra_mpc import plotting
-from twosra_mpc.checking.plan_file import (
-    Check,
+from twosra_mpc import (
+    InputError,
     PlanCheck,
     check_plan,
     load_plan,
+    plotting,
     refined,
+    save_setpoints,
 )
+from twosra_mpc.checking.plan_file import Check
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
-from twosra_mpc.errors import MISSING, InputError
+from twosra_mpc.errors import MISSING
 from twosra_mpc.files import attributes
 from twosra_mpc.installation import require
-from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.tolerances import UNPROVED
 
 if TYPE_CHECKING:
@@ -34,9 +35,11 @@ _ROUNDING = 1e-9  # relative
 
 
 @options.command("verify")
-@click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=options.SOURCE)
-@click.option("--proof", is_flag=True, help="Prove the lower bound anew by the certificates.")
-def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
+def verify_command(
+    plans: Annotated[tuple[str, ...], options.argument("PLAN...", type=options.SOURCE)],
+    proof: bool,
+    output: Output,
+) -> int:
     """Check PLAN files independently of what they say of themselves.
 
     The samples are integrated again by another method, and every rule is tested for the robot and
@@ -54,6 +57,9 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
       twosra verify plan.json other.json --json
     And does its certificate prove that no plan costs less?
       twosra verify plan.json --proof
+
+    Options:
+        proof: Prove the lower bound anew by the certificates.
     """
     code = Exit.PLANNED
     checked: dict[str, PlanCheck] = {}
@@ -133,10 +139,12 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
 
 
 @options.command("resample")
-@click.argument("plan", type=options.FILE)
-@options.out_argument(options.ending(".csv", ".json"))
-@options.rate_option("Ticks per second.", required=True)
-def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> None:
+def resample_command(
+    plan: Annotated[Path, options.argument()],
+    out: Annotated[Path, options.out_argument(options.ending(".csv", ".json"))],
+    rate_Hz: Annotated[float, options.RATE],
+    output: Output,
+) -> None:
     """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
 
     CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
@@ -149,6 +157,9 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
       twosra resample plan.json setpoints.csv --rate 20
     The same plan, dense enough to look at:
       twosra resample plan.json dense.json --rate 5
+
+    Options:
+        rate_Hz: Ticks per second.
     """
     loaded = load_plan(plan)
     given = loaded.require()
@@ -161,14 +172,13 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
     output.record((given.robot.name, "resampled"), document)
 
 
-_FILM_S = options.Finite(1.0, 120.0)
-
-
 @options.command("animate")
-@click.argument("plan", type=options.FILE)
-@options.out_argument(options.film)
-@click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
-def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
+def animate_command(
+    plan: Annotated[Path, options.argument()],
+    out: Annotated[Path, options.out_argument(options.film)],
+    seconds: Annotated[float, options.option(type=options.Finite(1.0, 120.0), default=12.0)],
+    output: Output,
+) -> None:
     """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
 
     Waits are compressed, motion is slowed down, and a clock shows the time.
@@ -179,6 +189,9 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
       twosra animate plan.json plan.gif
     The same in a hurry:
       twosra animate plan.json short.gif --seconds 4
+
+    Options:
+        seconds: Length of the animation [s].
     """
     made = load_plan(plan).require()
     with output.progress("animating") as tell:
@@ -186,4 +199,3 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
         plotting.animate_plan(made, out, duration_s=seconds, on_progress=shown)
     document = {"file": str(out), "bytes": out.stat().st_size}
     output.record((made.robot.name, "animation"), document)
-    return Exit.PLANNED

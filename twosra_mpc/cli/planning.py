@@ -7,40 +7,39 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
-from twosra_mpc import plotting
+from twosra_mpc import (
+    Plan,
+    Problem,
+    Progress,
+    Result,
+    Status,
+    confirmed_lower_bound,
+    plotting,
+    save_setpoints,
+)
 from twosra_mpc.checking.followed import OFF_PATH, plan_off_words
 from twosra_mpc.cli import options
+from twosra_mpc.cli.options import written
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.installation import require
-from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
-from twosra_mpc.planning.planner import Progress, plan_until_interrupted
-from twosra_mpc.plans.plan import Plan, Status, above_bound, as_confirmed
-from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.setpoints import save_setpoints
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.planning.planner import plan_until_interrupted
+from twosra_mpc.plans.plan import above_bound, as_confirmed
 from twosra_mpc.robot.modes import mode_name
 
 
 @options.command("plan")
-@click.argument("scenario", **options.SCENARIO)
-@options.file_option("--out", "Write the plan as JSON.", options.ending(".json"))
-@options.file_option("--csv", "Write the set-points as CSV.", options.ending(".csv"))
-@options.rate_option("Rows per second of --csv; default: the plan's grid.")
-@options.plot_option("Draw the plan")
-@click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
-@options.scenario_options()
 def plan_command(
-    scenario: str,
-    out: Path | None,
-    csv: Path | None,
-    rate_Hz: float | None,
-    plot: Path | None,
+    scenario: options.Scenario,
+    out: Annotated[Path | None, written(options.ending(".json"))],
+    csv: Annotated[Path | None, written(options.ending(".csv"))],
+    rate_Hz: Annotated[float | None, options.RATE],
+    plot: options.Plot,
     proof: bool,
-    load: options.Load,
+    load: Annotated[options.Load, options.overrides()],
     output: Output,
 ) -> int:
     """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
@@ -59,6 +58,13 @@ def plan_command(
 
     Ctrl-C, --work-limit and --time-limit end the search; the best plan so far is written, with its
     true gap. Within a work limit the same plan is found on every machine.
+
+    Options:
+        out: Write the plan as JSON.
+        csv: Write the set-points as CSV.
+        rate_Hz: Rows per second of --csv; default: the plan's grid.
+        plot: Draw the plan (png, pdf, svg).
+        proof: Add a certificate that proves the bound anew.
     """
     if rate_Hz is not None and csv is None:
         raise click.UsageError("--rate is the rate of --csv, which is not given")

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 import numpy as np
 
-from twosra_mpc import plotting
+from twosra_mpc import Problem, Result, plotting
 from twosra_mpc.checking.followed import OFF_PATH, off_words
 from twosra_mpc.cli import options
+from twosra_mpc.cli.options import option, word
 from twosra_mpc.cli.output import Exit, Output, counting, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import Ending, times
@@ -25,42 +26,22 @@ from twosra_mpc.execution.simulation.simulate import (
 )
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.plan import planned_words
-from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.problem import Problem
-
-_PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 
 
 @options.command("simulate")
-@click.argument("scenario", **options.SCENARIO)
-@options.word_option("--plant", f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")
-@click.option("--viewer", is_flag=True, help="Watch the first run of plant mujoco.")
-@options.word_option(
-    "--disturbance", f"How far from its description: {_LEVELS}.", LEVELS, default="moderate"
-)
-@click.option("--seed", type=options.SEED, default=0, help="Of all that is drawn.")
-@options.choice_option(
-    "Follow an optimal plan, or act by the greedy rule.", EXECUTORS, "--executor"
-)
-@click.option("--runs", type=click.IntRange(1), default=1, help="Run as many robots, and sum up.")
-@click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
-@options.scenario_options("planner", "max_phases")
-@options.file_option("--out", "Write the (first) run as JSON.")
-@options.plot_option("Draw it")
-@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.film)
 def simulate_command(
-    scenario: str,
-    plant: str,
-    disturbance: str,
-    seed: int,
-    executor: str,
-    runs: int,
-    broken: tuple[int, ...],
+    scenario: options.Scenario,
+    plant: Annotated[str, word(ALL_PLANTS, default="arc")],
     viewer: bool,
-    load: options.Load,
-    out: Path | None,
-    plot: Path | None,
-    animate: Path | None,
+    disturbance: Annotated[str, word(LEVELS, default="moderate")],
+    seed: Annotated[int, option(type=click.IntRange(min=0), default=0)],
+    executor: Annotated[str, option(type=click.Choice(EXECUTORS), default="optimal")],
+    runs: Annotated[int, option(type=click.IntRange(1), default=1)],
+    broken: Annotated[tuple[int, ...], option("--broken-heater")],
+    load: Annotated[options.Load, options.overrides("planner", "max_phases")],
+    out: Annotated[Path | None, options.written()],
+    plot: options.Plot,
+    animate: Annotated[Path | None, options.written(options.film)],
     output: Output,
 ) -> int:
     """Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
@@ -78,6 +59,18 @@ def simulate_command(
       twosra simulate rigid-move --plant mujoco --seed 1
     A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
       twosra simulate paper-2 --broken-heater 1
+
+    Options:
+        plant: How it moves: {}.
+        viewer: Watch the first run of plant mujoco.
+        disturbance: How far from its description: {}.
+        seed: Of all that is drawn.
+        executor: Follow an optimal plan, or act by the greedy rule.
+        runs: Run as many robots, and sum up.
+        broken: Number of a segment.
+        out: Write the (first) run as JSON.
+        plot: Draw it (png, pdf, svg).
+        animate: Film it (gif; mp4 with ffmpeg).
     """
     problem = load(scenario, to_run=True)
     level = disturbance_level(disturbance)
@@ -115,57 +108,58 @@ def simulate_command(
 
 
 def _print_run(simulation: Simulation) -> None:
-    run, found = simulation.run, simulation.metrics
+    run, found, problem = simulation.run, simulation.metrics, simulation.run.problem
     against = f", planned were {planned_words(run.plans[0])}" if run.plans else ""
     degrees, curvature = math.degrees(found.heading_rad), found.curvature_per_m
     error = f"{1e3 * found.position_m:z.2f} mm, {degrees:z.2f} degrees, {curvature:z.2f} 1/m"
     again = f"{times(run.replans)}, and the pose was corrected {times(run.corrections)}"
-    rows = [
-        ("ending", str(run.ending)),
-        ("reason", run.reason),
-        *([] if run.problem.ends_anywhere else [("true error", error)]),
-        *_off_path(found),
-        ("duration", f"{found.time_s:z.1f} s{against}"),
-        ("energy", f"{found.energy_J:z.0f} J in {found.transitions} transitions"),
-        ("planned again", again),
-    ]
-    if (least_m := found.least_clearance_m) is not None:
-        needed_m = LEVELS[simulation.disturbance].clearance_m
-        planned_m = (run.plans[-1] if run.plans else run).problem.clearance_m
-        least = found.touched or f"{1e3 * least_m:z.1f} mm at the closest approach"
-        advice = f", needed are {1e3 * needed_m:z.3g}" if planned_m < needed_m else ""
-        rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:z.3g} mm{advice}"))
-    rows += _rows_of_mission(run.problem, found)
-    print_table(
-        (run.problem.robot.name, f"executor {run.executor}, disturbance {simulation.disturbance}"),
-        rows,
-    )
+    done = f"{found.tasks_done} of {len(problem.tasks)}"
+    rows = {
+        "ending": str(run.ending),
+        "reason": run.reason,
+        "true error": "" if problem.ends_anywhere else error,
+        f"true error, {OFF_PATH}": _off_path(found),
+        "duration": f"{found.time_s:z.1f} s{against}",
+        "energy": f"{found.energy_J:z.0f} J in {found.transitions} transitions",
+        "planned again": again,
+        "true clearance": _clearance(simulation),
+        "tasks done": done if any(task.rests for task in problem.tasks) else "",
+        "true error of objects": _off_target(found),
+        "objects lost": times(found.lost) if problem.objects else "",
+        "squeezed": found.squeezed,
+    }
+    title = problem.robot.name, f"executor {run.executor}, disturbance {simulation.disturbance}"
+    print_table(title, [(name, words) for name, words in rows.items() if words])
     events = [(f"{event.time_s:z.1f} s", event.kind, event.text) for event in run.events]
     print_table(("time", "event", "what"), events)
 
 
-def _off_path(found: Metrics) -> list[tuple[str, str]]:
-    """Row about a path that was followed."""
+def _clearance(simulation: Simulation) -> str:
+    """How near obstacles were, in words; empty without any."""
+    run, found = simulation.run, simulation.metrics
+    if (least_m := found.least_clearance_m) is None:
+        return ""
+    needed_m = LEVELS[simulation.disturbance].clearance_m
+    planned_m = (run.plans[-1] if run.plans else run).problem.clearance_m
+    least = found.touched or f"{1e3 * least_m:z.1f} mm at the closest approach"
+    advice = f", needed are {1e3 * needed_m:z.3g}" if planned_m < needed_m else ""
+    return f"{least}, planned were {1e3 * planned_m:z.3g} mm{advice}"
+
+
+def _off_path(found: Metrics) -> str:
+    """How a path was followed, in words; empty without one."""
     if found.off_path_mean_m is None or found.off_path_m is None:
-        return []
-    words = off_words(found.off_path_mean_m, found.off_path_m)
+        return ""
     late = "" if found.late_s is None else f"; {found.late_s:z.1f} s late at worst"
-    return [(f"true error, {OFF_PATH}", words + late)]
+    return off_words(found.off_path_mean_m, found.off_path_m) + late
 
 
-def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
-    """Rows about a mission's tasks and objects."""
-    rows = list[tuple[str, str]]()
-    if any(task.rests for task in problem.tasks):
-        rows.append(("tasks done", f"{found.tasks_done} of {len(problem.tasks)}"))
-    if found.object_m is not None:
-        turned = f", {math.degrees(found.object_rad or 0.0):z.2f} degrees"
-        rows.append(("true error of objects", f"{1e3 * found.object_m:z.2f} mm{turned}"))
-    if problem.objects:
-        rows.append(("objects lost", times(found.lost)))
-    if found.squeezed:
-        rows.append(("squeezed", found.squeezed))
-    return rows
+def _off_target(found: Metrics) -> str:
+    """How far off objects were, in words; empty where nothing is known of any."""
+    if found.object_m is None:
+        return ""
+    degrees = math.degrees(found.object_rad or 0.0)
+    return f"{1e3 * found.object_m:z.2f} mm, {degrees:z.2f} degrees"
 
 
 def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:

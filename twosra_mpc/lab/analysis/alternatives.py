@@ -11,18 +11,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from twosra_mpc import InputError, Mode, Plan, Problem, Result, Task
 from twosra_mpc.checking.sweep import stiffness
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.effort import Ending
-from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.branches import Policy
-from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.limits import BEND_LEVER
-from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Task, orders
-from twosra_mpc.robot.modes import Mode, ModeSequence, merged, mode_name
+from twosra_mpc.problem.tasks import orders
+from twosra_mpc.robot.modes import ModeSequence, merged, mode_name
 
 FARTHER_M = 0.005  # how much more clearance is asked for
 MOST_ORDERS = 5  # other orders of tasks that are planned
@@ -193,8 +190,7 @@ def _of_tasks(
         begun = (t.said(i) for i, t in enumerate(tasks, start=1) if not t.needs_held)
         change = f"in the order {', '.join(begun)}"
         tell(change)
-        found = plan_until_interrupted(original.problem.with_values(tasks=tasks))
-        yield Alternative(change, "", original, found)
+        yield _changed(change, {"tasks": tasks}, original)
 
 
 def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from twosra_mpc import InputError, Plan, PlanInterrupted, Problem, Result
 from twosra_mpc.arguments import public
 from twosra_mpc.effort import Ending
-from twosra_mpc.errors import InputError, PlanInterrupted
 from twosra_mpc.lab.analysis.alternatives import (
     MOST_ORDERS,
     Alternative,
@@ -34,10 +34,7 @@ from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.stages.necessity import Necessity
-from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import stretches
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import grasps
 from twosra_mpc.robot.modes import mode_name, named
 from twosra_mpc.timing import transition_model

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Problem, Result, plan
 from twosra_mpc.files import differences, json_document, read_text, reading, write_json, write_text
 from twosra_mpc.installation import __version__
 from twosra_mpc.lab.analysis.critical_path import critical_path
@@ -32,9 +32,6 @@ from twosra_mpc.lab.batch.table import (
     table_paths,
     write_table,
 )
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 
 Row = dict[str, Any]

@@ -11,11 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Problem, Robot, load_problem, load_robot
 from twosra_mpc.files import locate, read_document, reading
 from twosra_mpc.lab.batch.spec import Scalar, Spec
-from twosra_mpc.problem.problem import Problem, load_problem
-from twosra_mpc.robot.description import Robot, load_robot
 
 Document = dict[str, Any]
 

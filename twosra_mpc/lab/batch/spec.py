@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Robot
 from twosra_mpc.files import LARGEST, check_kind, document_in, read_text
 from twosra_mpc.lab.batch.table import RESULT_COLUMNS
 from twosra_mpc.problem.limits import SHAPE_LIMITS, shape_margins
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.validation import FrozenDict, NonNegative, Number, Value, plain
 
 _BLOCK = 256  # pairs drawn at once

@@ -12,16 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.errors import InputError, RobotError
+from twosra_mpc import InputError, Mode, Problem, Robot
+from twosra_mpc.errors import RobotError
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.lab.serial.port import Clock, Port
 from twosra_mpc.lab.serial.robot import RATE_HZ, connected
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.speeds import drive_rows
 from twosra_mpc.robot.coordinates import WHEELS, Array
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode
 
 HELD_S = 0.5  # a key that has not come again for so long is not held; keyboards repeat by then
 HEATED_S = 120.0  # without any key heaters go off after so long; a melt takes a minute

@@ -6,11 +6,11 @@ import time
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import click
 
-from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
+from twosra_mpc.cli.options import Plot, argument, command, ending, option, written
 from twosra_mpc.cli.output import Exit, Output, print_table
 from twosra_mpc.files import read_text, write_text
 from twosra_mpc.installation import BATCH, require
@@ -18,23 +18,16 @@ from twosra_mpc.interrupts import noted_interrupts
 from twosra_mpc.lab.batch import read_runs
 from twosra_mpc.lab.batch.atlas import Atlas, Spread, atlas
 
-_PLANNERS = click.Choice(["optimal", "greedy", "both"])
-
 
 @command("batch")
-@click.argument("spec", type=FILE)
-@click.option("--out", "-o", type=FILE, metavar="RUNS", required=True, help="Folder of the runs.")
-@click.option("--planner", type=_PLANNERS, help="Override the spec.")
-@click.option("--plans", is_flag=True, default=None, help="Write plan files, too.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes here; default: one a core.")
-@click.option("--scheduler", metavar="URL", help="Plan on a Dask cluster, e.g. tcp://host:8786.")
 def batch_command(
-    spec: Path,
-    out: Path,
-    workers: int | None,
-    scheduler: str | None,
+    spec: Annotated[Path, argument()],
+    out: Annotated[Path, option(metavar="RUNS")],
+    planner: Literal["optimal", "greedy", "both"] | None,
+    plans: bool | None,
+    workers: Annotated[int | None, option(type=click.IntRange(min=1))],
+    scheduler: Annotated[str | None, option(metavar="URL")],
     output: Output,
-    **overrides: Any,
 ) -> int:
     """Plan everything that SPEC, a TOML file, asks for; results go into the folder RUNS.
 
@@ -46,6 +39,13 @@ def batch_command(
 
     Whatever ends it, the same command goes on with what is not planned yet. RUNS/runs.parquet is
     the table in the end, a row a problem; a problem without a plan has a row that says why.
+
+    Options:
+        out: Folder of the runs.
+        planner: Override the spec.
+        plans: Write plan files, too.
+        workers: Processes here; default: one a core.
+        scheduler: Plan on a Dask cluster, e.g. tcp://host:8786.
     """
     if scheduler is not None and workers is not None:
         raise click.UsageError("--workers are processes here; a --scheduler has its own")
@@ -53,7 +53,8 @@ def batch_command(
     from twosra_mpc.lab.batch.problems import Problems
     from twosra_mpc.lab.batch.spec import spec_in
 
-    given = {name: value for name, value in overrides.items() if value is not None}
+    chosen = {"planner": planner, "plans": plans}
+    given = {name: value for name, value in chosen.items() if value is not None}
     text = read_text(spec, str(spec))  # once: it may be a pipe
     problems = Problems(spec_in(text, spec, **given), spec.parent)
     from twosra_mpc.lab.batch.folder import Asked, Folder  # CasADi takes a second
@@ -104,13 +105,13 @@ _SHOWN = 8  # rows of a table whose length nobody chose
 
 
 @command("atlas")
-@click.argument("runs", metavar="RUNS", type=FILE)
-@click.option("-x", "x", metavar="KEY", help="Varied key along the figure's x axes.")
-@click.option("-y", "y", metavar="KEY", help="Varied key along the y axes of its maps.")
-@file_option("--csv", "Write the whole table as CSV.", ending(".csv"))
-@plot_option("Draw sequences, durations, savings, sensitivities and gaps")
 def atlas_command(
-    runs: Path, x: str | None, y: str | None, csv: Path | None, plot: Path | None, output: Output
+    runs: Annotated[Path, argument()],
+    x: Annotated[str | None, option("-x", metavar="KEY")],
+    y: Annotated[str | None, option("-y", metavar="KEY")],
+    csv: Annotated[Path | None, written(ending(".csv"))],
+    plot: Plot,
+    output: Output,
 ) -> None:
     """Say what the plans of a batch have in common: RUNS is the folder of "twosra batch".
 
@@ -122,6 +123,12 @@ def atlas_command(
       twosra atlas runs --plot atlas.png
     Over others:
       twosra atlas runs -x robot.heater.melt_current_A -y goal.kappa_per_m.0 --plot atlas.png
+
+    Options:
+        x: Varied key along the figure's x axes.
+        y: Varied key along the y axes of its maps.
+        csv: Write the whole table as CSV.
+        plot: Draw sequences, durations, savings, sensitivities and gaps (png, pdf, svg).
     """
     with output.progress("reading the table") as tell:
         frame = read_runs(runs)

@@ -3,40 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
+from twosra_mpc import InputError, Robot, load_robot, with_path_model
 from twosra_mpc.checking.followed import OFF_PATH, off_words
-from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
+from twosra_mpc.cli.options import ROBOT, Plot, argument, command, option
 from twosra_mpc.cli.output import Output, digits, print_table
-from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes
 from twosra_mpc.lab.csv_table import numbers_in, read_csv
-from twosra_mpc.lab.identification.motion_log import IN_HAND, MotionLog, read_motion_log
+from twosra_mpc.lab.identification.motion_log import (
+    IN_HAND,
+    MotionLog,
+    Transport,
+    read_motion_log,
+    transport,
+)
 from twosra_mpc.lab.identification.replay import PhaseReplay, replay
-from twosra_mpc.lab.identification.transport_log import Transport, transport
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import Robot, load_robot, with_path_model
 from twosra_mpc.robot.modes import mode_name
 
 
 @command("replay")
-@click.argument("log", type=FILE)
-@click.option("--robot", required=True, help="Which robot: a built-in name or a file.", **ROBOT)
-@click.option("--path-model", help="Predict by this path model, e.g. arc; default: the robot's.")
-@click.option("--wheels", help="Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.")
-@click.option("--mode", help="Mode of a log of wheels, e.g. 1,0.")
-@click.option("--path", type=FILE, help="Path of the object in the log: CSV or SVG.")
-@plot_option("Draw every phase as measured and as predicted")
 def replay_command(
-    log: Path,
-    robot: str,
+    log: Annotated[Path, argument()],
+    robot: Annotated[str, option(**ROBOT)],
     path_model: str | None,
     wheels: str | None,
     mode: str | None,
     path: Path | None,
-    plot: Path | None,
+    plot: Plot,
     output: Output,
 ) -> None:
     """Predict the phases of a LOG, and say how far off they end.
@@ -57,6 +54,14 @@ def replay_command(
       twosra replay poses.csv --robot 2sra-v1 --wheels 6,0,0,0 --mode 1,0
     How well was an object led along a path?
       twosra replay transport.csv --robot 2sra-v1 --path path.svg
+
+    Options:
+        robot: Which robot: a built-in name or a file.
+        path_model: Predict by this path model, e.g. arc; default: the robot's.
+        wheels: Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.
+        mode: Mode of a log of wheels, e.g. 1,0.
+        path: Path of the object in the log: CSV or SVG.
+        plot: Draw every phase as measured and as predicted (png, pdf, svg).
     """
     described = load_robot(robot)
     if path_model is not None:
@@ -79,7 +84,7 @@ def replay_command(
     recorded = read_motion_log(log, described, wheel_rad_s=speeds, mode=driven)
     phases = replay(recorded, described)
     if plot is not None:
-        from twosra_mpc.lab.figures.log_figures import plot_replay  # matplotlib is slow
+        from twosra_mpc.lab.figures.identification_figures import plot_replay  # matplotlib is slow
 
         plot_replay(recorded, described, phases, plot)
     found = recorded, described, phases

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 import webbrowser
-from pathlib import Path
+from typing import Annotated
 
 import click
 
 from twosra_mpc.cli import options
+from twosra_mpc.cli.options import option
 from twosra_mpc.cli.output import Output, digits, print_table
 
 
 @options.command("studio")
-@click.argument("scenario", default="paper-1", **options.SCENARIO)
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 takes a free one.")
-@click.option("--no-browser", is_flag=True, help="Only print the address.")
-@options.scenario_options("work_limit", "time_limit_s", "max_phases", "risk")
 def studio_command(
-    scenario: str, port: int, no_browser: bool, load: options.Load, output: Output
+    scenario: Annotated[str, options.argument(default="paper-1", **options.SCENARIO)],
+    port: Annotated[int, option(type=click.IntRange(0, 65535), default=0)],
+    no_browser: bool,
+    load: Annotated[
+        options.Load, options.overrides("work_limit", "time_limit_s", "max_phases", "risk")
+    ],
+    output: Output,
 ) -> None:
     """Open SCENARIO on a page of this computer, and plan it while you move it by hand.
 
@@ -31,6 +34,10 @@ def studio_command(
       twosra studio paper-1
     On a port of your choice, for a browser that is open already:
       twosra studio pick-and-place --port 8765 --no-browser
+
+    Options:
+        port: 0 takes a free one.
+        no_browser: Only print the address.
     """
     from twosra_mpc.lab.studio.server import Server  # the planner takes a second
 
@@ -42,13 +49,13 @@ def studio_command(
 
 
 @options.command("map")
-@click.argument("scenario", **options.SCENARIO)
-@click.option("--over", required=True, metavar="A,B", help="Two of x, y, phi, kappa1, kappa2 ...")
-@click.option("--size", type=click.IntRange(2, 101), default=17, help="Points a side.")
-@options.plot_option("Draw the map")
-@options.scenario_options("max_phases", "risk")
 def map_command(
-    scenario: str, over: str, size: int, plot: Path | None, load: options.Load, output: Output
+    scenario: options.Scenario,
+    over: Annotated[str, option(metavar="A,B")],
+    size: Annotated[int, option(type=click.IntRange(2, 101), default=17)],
+    plot: options.Plot,
+    load: Annotated[options.Load, options.overrides("max_phases", "risk")],
+    output: Output,
 ) -> None:
     """Map SCENARIO: the best mode sequence and duration over two coordinates of its goal.
 
@@ -58,6 +65,11 @@ def map_command(
     \b
     Which sequence is best for which shape?
       twosra map paper-1 --over kappa1,kappa2 --size 9 --plot map.png
+
+    Options:
+        over: Two of x, y, phi, kappa1, kappa2 ...
+        size: Points a side.
+        plot: Draw the map (png, pdf, svg).
     """
     from twosra_mpc.lab.studio.goal_map import WORK, goal_map
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import click
 import tomlkit
 from tomlkit.items import AoT, Table
 
-from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, Plot, argument, command, option, written
 from twosra_mpc.cli.output import Output, counting, digits, print_table
 from twosra_mpc.files import attributes, write_text
 from twosra_mpc.keys import describe
-from twosra_mpc.lab.identification import plausibility, thermal_fit
+from twosra_mpc.lab.identification import log_fit, thermal_fit
 from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.lab.identification.log_fit import Residuals
 from twosra_mpc.lab.identification.log_response import CORRECTED_S
@@ -37,44 +37,16 @@ _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
 
 @command("fit-thermal")
-@click.argument("log", type=FILE)
-@click.option(
-    "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
-)
-@click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
-@file_option("--out", "Write a robot file with the fit.")
-@plot_option("Draw the fit")
-@click.option(
-    "--held-out",
-    "others",
-    multiple=True,
-    type=FILE,
-    help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
-)
-@click.option(
-    "--readings",
-    type=FILE,
-    help="LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...).",
-)
-@click.option(
-    "--segment",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Which one, of a robot whose file lists its segments.",
-)
-@click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
 def fit_thermal_command(
-    log: Path,
-    robot: str,
+    log: Annotated[Path, argument()],
+    robot: Annotated[str, option(**ROBOT)],
     ambient_C: float | None,
-    out: Path | None,
-    plot: Path | None,
-    others: tuple[Path, ...],
+    out: Annotated[Path | None, written()],
+    plot: Plot,
+    others: Annotated[tuple[Path, ...], option("--held-out")],
     readings: Path | None,
-    segment: int,
-    only_score: bool,
+    segment: Annotated[int, option(type=click.IntRange(min=1), default=1, metavar="N")],
+    only_score: Annotated[bool, option("--score")],
     output: Output,
 ) -> None:
     """Identify the segments of a robot from LOG, a CSV file of heating and cooling, or of melts.
@@ -90,6 +62,18 @@ def fit_thermal_command(
       twosra fit-thermal heating.csv --robot 2sr-v2 --score
     Fit the durations of melts and freezes of a robot in use:
       twosra fit-thermal melts.csv --readings readings.csv --robot 2sr-v2 --out fitted.toml
+
+    Options:
+        robot: Whose segment it is: a built-in name or a file.
+        ambient_C: Air [C]; default: the first reading.
+        out: Write a robot file with the fit.
+        plot: Draw the fit (png, pdf, svg).
+        others: Score the fit on this log too, with nothing fitted to it; may be given several
+            times.
+        readings: LOG has melts and freezes: their temperatures (transition, time_s, reading1_C,
+            ...).
+        segment: Which one, of a robot whose file lists its segments.
+        only_score: Only score the robot as it is.
     """
     described, number = load_robot(robot), segment - 1
     if readings is not None and (only_score or others or plot or ambient_C is not None):
@@ -103,7 +87,7 @@ def fit_thermal_command(
             if out is not None:
                 write_identified_robot(robot, out, fit, number)
         own = thermal_fit.two_node_segment(described, number)
-        return fit, own, plausibility.doubts(described, fit.segment, fit.fitted, air_C, number)
+        return fit, own, log_fit.doubts(described, fit.segment, fit.fitted, air_C, number)
 
     if readings is not None:
         logged = read_transitions(log, readings, described.geometry.segments)
@@ -125,11 +109,11 @@ def fit_thermal_command(
         lambda tell: thermal_fit.identify(recorded, described, tell, number), recorded.ambient_C
     )
     if plot is not None:
-        from twosra_mpc.lab.figures.log_figures import plot_thermal_fit
+        from twosra_mpc.lab.figures.identification_figures import plot_thermal_fit
 
         plot_thermal_fit(fit, plot)
     scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]
-    doubts += plausibility.holds_called_heating(recorded)
+    doubts += log_fit.holds_called_heating(recorded)
     output.report(
         lambda: {**_document(fit, scores), "warnings": doubts},
         lambda: _print_fit(recorded, fit, own, scores, doubts),
@@ -253,8 +237,7 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
 
 
 def _residuals(found: Residuals) -> tuple[str, ...]:
-    values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
-    return tuple(digits(value, 3) for value in values)
+    return tuple(digits(value, 3) for value in found[:-1])  # all but the number of points
 
 
 def write_identified_robot(

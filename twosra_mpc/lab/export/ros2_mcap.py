@@ -23,16 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc import Object, Plan, Problem, refined
 from twosra_mpc.arguments import public
-from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.files import check_writable, data_file, write_bytes
 from twosra_mpc.installation import require
 from twosra_mpc.lab.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import POSE, Array
 
 WORLD = "world"

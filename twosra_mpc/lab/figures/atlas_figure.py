@@ -1,26 +1,30 @@
-"""Pictures of a batch: sequences and durations over what was varied, savings, gaps."""
+"""Pictures of many plans: of a batch, of a map over goals, of planners side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import Locator, LogLocator, NullFormatter, SymmetricalLogLocator
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Plan
+from twosra_mpc.arguments import public
 from twosra_mpc.keys import key_of, unit_of
 from twosra_mpc.lab.batch.atlas import Worth, atlas, counted, has_greedy, numeric_keys, plans
-from twosra_mpc.plotting import figures
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.lab.studio.goal_map import Cell
+from twosra_mpc.plotting import figures, timeline_figures
+from twosra_mpc.plotting.plan_figures import WIDTH_IN, plan_title
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
+
 
 _SIZE_IN = (11.0, 7.2)  # of the figure: two rows of three panels
 _TOLD_APART = 9  # sequences with a colour of their own
@@ -111,7 +115,7 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> None:
     ax.set_title("mode sequence of the plan")
 
 
-def _most_frequent(codes: Array) -> float:
+def _most_frequent(codes: Series[float]) -> float:
     return float(np.bincount(codes.astype(int)).argmax())
 
 
@@ -123,7 +127,9 @@ def draw_quantity(
         ax.scatter(runs[x], runs[column], c=_BLUE, s=10)
         ax.set(xlabel=_label(x))
     else:
-        drawn = _draw_places(ax, runs, x, y, column, np.nanmedian, {"cmap": "viridis"})
+        drawn = _draw_places(
+            ax, runs, x, y, column, lambda values: float(values.median()), {"cmap": "viridis"}
+        )
         ax.figure.colorbar(drawn, ax=ax)
     ax.set_title(title)
 
@@ -193,7 +199,7 @@ def _draw_places(
     x: str,
     y: str,
     column: str,
-    of: Callable[[Array], float],
+    of: Callable[[Series[float]], float],
     style: dict[str, Any],
 ) -> Any:
     """A square for each place of a grid, a dot for each problem of a random set."""
@@ -201,13 +207,10 @@ def _draw_places(
     xs, ys = np.unique(runs[x]), np.unique(runs[y])
     if len(xs) * len(ys) > 4 * len(runs):
         return ax.scatter(runs[x], runs[y], c=runs[column], s=9, **style)
-    places = np.full((len(ys), len(xs)), np.nan)
-    rows, columns = np.searchsorted(ys, runs[y]), np.searchsorted(xs, runs[x])
-    for _, group in runs.assign(row_=rows, column_=columns).groupby([x, y]):
-        known = group[column].dropna().to_numpy(dtype=float)
-        if known.size:
-            places[group["row_"].iloc[0], group["column_"].iloc[0]] = of(known)
-    return ax.pcolormesh(xs, ys, np.ma.masked_invalid(places), shading="nearest", **style)
+    known = runs.dropna(subset=[column])
+    places = known.pivot_table(column, y, x, aggfunc=of).reindex(index=ys, columns=xs)
+    shown = np.ma.masked_invalid(places.to_numpy(dtype=float))
+    return ax.pcolormesh(xs, ys, shown, shading="nearest", **style)
 
 
 def _ranks(runs: DataFrame) -> dict[str, int]:
@@ -222,3 +225,108 @@ def _label(key: str) -> str:
     name = counted(key)
     unit = unit_of(key_of(name.split()[0]))
     return f"{name} [{unit}]" if unit else name
+
+
+# Paul Tol's bright colours, which the colour-blind can tell apart.
+_COLOURS = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377"]
+_PALE = 0.75  # share of white in the colour of what takes longest
+_AXES = {"x": "x [m]", "y": "y [m]", "phi": "heading [rad]"}
+
+
+@public
+def plot_map(
+    cells: Sequence[Cell], over: tuple[str, str], path: str | Path | None = None
+) -> Figure:
+    """Draw a map of goals: a colour for each mode sequence, paler where it takes longer.
+
+    Args:
+        cells: Of one grid, in any order.
+        over: Names of the two coordinates.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+
+    Raises:
+        InputError: If there is nothing to draw, matplotlib cannot write such a file, or the folder
+            cannot be written.
+    """
+    if not cells:
+        raise InputError("cells", cells, "at least one cell")
+    x, y = (sorted({getattr(cell, name) for cell in cells}) for name in ("x", "y"))
+    names = sorted({cell.sequence for cell in cells if cell.sequence})
+    colours = dict(zip(names, _COLOURS * len(names), strict=False))
+    taken = [cell.duration_s for cell in cells if cell.duration_s is not None]
+    least, most = (min(taken), max(taken)) if taken else (0.0, 1.0)
+    picture = np.ones((len(y), len(x), 3))
+    for cell in cells:
+        if cell.duration_s is not None:
+            share = _PALE * (cell.duration_s - least) / max(most - least, 1e-9)
+            colour = (1 - share) * np.array(to_rgb(colours[cell.sequence])) + share
+            picture[y.index(cell.y), x.index(cell.x)] = colour
+    with figures.styled_figure((7.2, 5.4), path) as figure:
+        ax = figure.add_subplot()
+        steps = [(line[-1] - line[0]) / max(len(line) - 1, 1) / 2 or 0.5 for line in (x, y)]
+        extent = (x[0] - steps[0], x[-1] + steps[0], y[0] - steps[1], y[-1] + steps[1])
+        ax.imshow(picture, origin="lower", extent=extent, aspect="auto")
+        ax.set(xlabel=_axis(over[0]), ylabel=_axis(over[1]))
+        ax.set_title(f"best mode sequence; paler is longer, {least:z.0f} to {most:z.0f} s")
+        handles = [Patch(color=colours[name], label=name) for name in names]
+        handles.append(Patch(fc="white", ec="0.5", label="no plan"))
+        figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8)
+    return figure
+
+
+def _axis(name: str) -> str:
+    return _AXES.get(name, f"curvature {name.removeprefix('kappa')} [1/m]")
+
+
+HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
+MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
+
+
+@public
+def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None = None) -> Figure:
+    """Draw plans on one time axis: a block a problem, in it a row a plan.
+
+    Args:
+        plans: Name of each problem -> its plans, e.g. one of each planner.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+
+    Raises:
+        InputError: If there is nothing to compare, matplotlib cannot write such a file, or the
+            folder cannot be written.
+    """
+    every = list(chain.from_iterable(plans.values()))
+    if not every:
+        raise InputError("plans", dict(plans), "at least one plan")
+    end_s = max(made.trajectory.duration_s for made in every) or 1.0
+    heights = list[float]()
+    for each in plans.values():
+        heights += (HEAD_IN + THIN_LANE_IN * made.robot.geometry.segments for made in each)
+        heights.append(BETWEEN_IN)
+    heights.pop()
+    with figures.styled_figure((WIDTH_IN, sum(heights) + 1.0), path) as figure:
+        grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+        row, axes = 0, list[Axes]()
+        for name, each in plans.items():
+            for made in each:
+                axes.append(figure.add_subplot(grid[row], sharex=axes[0] if axes else None))
+                _draw_row(axes[-1], name, made)
+                axes[-1].tick_params(labelbottom=False)
+                row += 1
+            row += 1
+        axes[-1].tick_params(labelbottom=True)
+        axes[-1].set(xlim=(0.0, 1.005 * end_s), xlabel="time [s]")
+        handles = [*timeline_figures.state_handles(), Patch(**MOTION, label="motion")]
+        figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _draw_row(ax: Axes, name: str, made: Plan) -> None:
+    """Lanes of a plan, named above; its motion as lines that are never too thin to see."""
+    timeline_figures.draw_lanes(ax, made)
+    for phase in made.phases:
+        ax.axvspan(phase.start_s, phase.end_s, **MOTION, zorder=4)
+    ax.set_title(f"{name}: {plan_title(made)}", loc="left", fontsize=9)
+    ax.set_yticks(ax.get_yticks(), [tick.get_text()[-1] for tick in ax.get_yticklabels()])
+    ax.set_ylabel("segment", fontsize=8)
+    ax.spines["bottom"].set_visible(False)
+    ax.tick_params(axis="x", length=0)

@@ -18,23 +18,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from twosra_mpc import Mode, Plan, load_problem, plan, robot_shape
 from twosra_mpc.arguments import public
 from twosra_mpc.lab.reproduction.published_runs import (
     SIMULATIONS,
     PublishedTrajectory,
+    forward_kinematics,
     published_trajectory,
 )
-from twosra_mpc.lab.reproduction.random_problems import forward_kinematics
-from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.plan_figures import phase_rows
 from twosra_mpc.plotting.timeline_figures import COORDINATES
-from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import MODES, RIGID, Mode, mode_name
+from twosra_mpc.robot.modes import MODES, RIGID, mode_name
 
 SIMULATION_OF_TASK = {simulation.task: simulation for simulation in SIMULATIONS.values()}
 _COLOURS = ("#222222", "#12997c", "#e07b00", "#7b5ea7", "#2a6fbb")

@@ -18,14 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Mode, Robot
 from twosra_mpc.execution.run import Drive, Run
 from twosra_mpc.lab.identification.replay import LEAST_BEND_RAD
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, soft_segments
+from twosra_mpc.robot.modes import soft_segments
 
 _SEEN_S = 1.0  # s after a bend, in which the camera sees where it ended
 VALUES = 5  # equally likely ones for a distribution: a policy has as many branches

@@ -29,9 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize_scalar
 
-from twosra_mpc.errors import InputError
+from twosra_mpc import InputError, Robot
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 
 Case: TypeAlias = Literal["I", "II", "III"]

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc import InputError, Robot
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
-from twosra_mpc.lab.identification import log_fit, plausibility
+from twosra_mpc.lab.identification import log_fit
 from twosra_mpc.lab.identification.heating_log import EvenLog, HeatingLog, resample
 from twosra_mpc.lab.identification.log_fit import Bounded, Family, Residuals
 from twosra_mpc.lab.identification.log_response import (
@@ -31,7 +31,6 @@ from twosra_mpc.lab.identification.log_response import (
     TwoNodePlant,
     respond,
 )
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 from twosra_mpc.thermal.uncertainty import NORMAL_95
@@ -181,7 +180,7 @@ def identify(
 
     Raises:
         InputError: If the segment is not described by two nodes, or the log or what is fitted to
-            it is not plausible (see `plausibility`).
+            it is not plausible (see `log_fit`).
     """
     own = two_node_segment(robot, segment)
     even = _plausible(log)
@@ -191,7 +190,7 @@ def identify(
     response = family.respond(best.values, even)
     off = log_fit.residuals(even, response)
     searched = dict(zip(Parameters._fields, _TWO_NODES, strict=True))
-    plausibility.check_fit(searched, best, off, log.source)
+    log_fit.check_fit(searched, best, off, log.source)
     held_out = []
     for number, cycle in enumerate(cycles, start=2):
         here = even.cycle == cycle
@@ -240,9 +239,9 @@ def score(log: HeatingLog, segment: TwoNodeSegment, law: HeaterLaw | None = None
 
 def _plausible(log: HeatingLog) -> EvenLog:
     """Log on an even grid, if it can be one of a segment at all."""
-    plausibility.check_log(log)
+    log_fit.check_log(log)
     even = resample(log)
-    plausibility.check_scored(even, log.source)
+    log_fit.check_scored(even, log.source)
     return even
 
 

@@ -24,12 +24,11 @@ from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from twosra_mpc import InputError, Robot
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
 from twosra_mpc.lab.csv_table import read_csv
-from twosra_mpc.lab.identification import plausibility
+from twosra_mpc.lab.identification import log_fit
 from twosra_mpc.lab.identification.heating_log import Flags, check_readings
 from twosra_mpc.lab.identification.log_fit import Fitted
 from twosra_mpc.lab.identification.log_response import SensorLag, TwoNodePlant, driven
@@ -41,7 +40,6 @@ from twosra_mpc.lab.identification.thermal_fit import (
     two_node_segment,
 )
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import Heater, TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 from twosra_mpc.validation import ArrayValue
@@ -267,7 +265,7 @@ def identify_transitions(
         )
         raise InputError("error of durations", round(median, 2), allowed, source)
     searched = {name: SEGMENT_PARAMETERS[name] for name in _FITTED}
-    plausibility.check_bounds(searched, best.values, source)
+    log_fit.check_bounds(searched, best.values, source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
         out = number * PARTS // len(logged) == part  # a stretch of the log: days differ
@@ -303,28 +301,26 @@ def _fitted(
     """Fit logarithms of the parameters to logarithms of the durations that count."""
     duration = np.array([each.duration_s for each in logged])
 
-    def off(x: Array) -> Array:
-        found = predict(tuple(np.exp(x).tolist()))
-        known = _SCALE * (x[_BODY] - np.log(body_ratio)) / np.log(_BODY_RATIO_WITHIN)
+    def off(values: Array) -> Array:
+        found = predict(tuple(values.tolist()))
+        known = _SCALE * np.log(values[_BODY] / body_ratio) / np.log(_BODY_RATIO_WITHIN)
         return np.append(np.log(np.maximum(found, 0.5) / duration)[counted], known)
 
-    low, high = np.log([SEGMENT_PARAMETERS[name][1:3] for name in _FITTED]).T
-    result = least_squares(
+    def errors(jacobian: Array, left: Array) -> Array:
+        spread = np.median(np.abs(left)) / 0.6745  # of a normal distribution without outliers
+        return spread * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
+
+    return log_fit.search(
         off,
-        np.log(start),
-        bounds=(low, high),
+        [SEGMENT_PARAMETERS[name] for name in _FITTED],
+        start,
+        errors,
         loss="soft_l1",
         f_scale=_SCALE,
         diff_step=[1e-3] * len(start),  # durations are read off a grid
         ftol=1e-5,
         max_nfev=30,
     )
-    values = np.exp(result.x)
-    spread = np.median(np.abs(result.fun)) / 0.6745  # of a normal distribution without outliers
-    jacobian = np.asarray(result.jac)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * spread**2
-    errors = values * np.sqrt(np.diag(covariance))
-    return Fitted(tuple(values.tolist()), tuple(errors.tolist()), float(result.cost))
 
 
 def _predictor(
@@ -420,7 +416,7 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
         told = [any(each.target) if kind == "melt" else not all(each.target) for each in of_kind]
         sign = 1 if kind == "melt" else -1
         rises = [(sign * np.subtract(each.end_C, each.begin_C)).max() for each in of_kind]
-        if np.median(rises) < plausibility.LEAST_CHANGE_K or not all(told):
+        if np.median(rises) < log_fit.LEAST_CHANGE_K or not all(told):
             value = f"{kind}: {np.median(rises):+z.3g} K in the right direction (median)"
             allowed = (
                 "readings that rise in melts, targets 1 (soft), and fall in freezes, 0 (rigid):"
@@ -429,6 +425,6 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
             raise InputError("kind", value, allowed, source)
         if kind == "melt":
             rates = [rise / each.duration_s for rise, each in zip(rises, of_kind, strict=True)]
-            plausibility.check_rate(float(np.median(rates)), "duration_s", source)
+            log_fit.check_rate(float(np.median(rates)), "duration_s", source)
     if logged[0].kind == "freeze":
         raise InputError("kind, first row", "freeze", "a melt: what freezes has melted", source)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared, table
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Status
+from twosra_mpc import Status, load_problem, plan
+from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared
 from twosra_mpc.plotting import plot_plan
-from twosra_mpc.problem.problem import load_problem
 
 SCENARIOS = {"conform-cylinder": "conform to a cylinder", "grasp-cube": "grip a cube and move it"}
 
@@ -51,7 +49,7 @@ def section(data: Data) -> Section:
     return declared(
         "applications",
         data,
-        (table("applications", 0, lines),),
+        (lines,),
         [f"{name}.png" for name in planned],
         others=claims,
     )

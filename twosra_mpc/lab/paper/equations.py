@@ -9,20 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from twosra_mpc import kinematics, load_problem, load_robot, plan, robot_shape
 from twosra_mpc.control.thermistor import NtcDivider
 from twosra_mpc.lab.bench.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.lab.paper.section import Data, Tell
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS, Simulation
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import rolled
-from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.trajectory import wheel_speeds
-from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.modes import MODES, RIGID, is_rigid, soft_segments
 
 _ROBOT, _PAPER_ROBOT = "2sra-v1", "2sra-v1-paper"

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.figures.curvature_figure import plot_curvature
-from twosra_mpc.lab.figures.trial_figures import plot_spread
-from twosra_mpc.lab.paper.section import Data, Section, Table, Tell, declared
+from twosra_mpc.lab.figures.experiment_figures import plot_curvature, plot_spread
+from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.lab.photographs.picture import Camera
 from twosra_mpc.lab.photographs.study import (
-    BAND_NAMES,
     ESTIMATORS,
     Estimate,
     estimate_folder,
@@ -109,6 +107,7 @@ def _found(data: Data) -> Data:
         "arc_growing": _growing(data, "arc"),
         "compatible_with_an_arc": data["share_compatible_with_an_arc"],
         "scatter": 100 * scatter_m / data["length_m"] if scatter_m else None,
+        "refusals": f"; {data['refused']} of {data['pictures']} refused" * bool(data["refused"]),
     }
 
 
@@ -119,13 +118,7 @@ def _growing(data: Data, name: str) -> float | None:
     return float(np.mean(pairs)) if pairs else None
 
 
-def _bands(data: Data) -> Table:
-    rows = []
-    for name in ESTIMATORS:
-        off = data["deviations"][name]
-        errors = [off["mse_per_m2"], off["cycle_mse_per_m2"], *data["bands_mse_per_m2"][name]]
-        cells = ["-" if error is None else f"{error:z.1f}" for error in errors]
-        rows.append((name, str(off["pictures"]), f"{off['slope']:z.3f}", *cells))
-    header = ("estimator", "photographs", "slope", "MSE [1/m2]", "of mean repeats", *BAND_NAMES)
-    refused = f"; {data['refused']} of {data['pictures']} refused" if data["refused"] else ""
-    return Table(f"Mean square error, by size of the reference [1/m]{refused}", header, tuple(rows))
+def _bands(data: Data) -> list[Data]:
+    """Lines of the table of errors by size of the reference."""
+    bands, off = data["bands_mse_per_m2"], data["deviations"]
+    return [{"name": name, "bands": bands[name], **off[name]} for name in ESTIMATORS]

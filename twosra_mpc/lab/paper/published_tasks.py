@@ -16,7 +16,7 @@ from twosra_mpc.lab.figures.paper_figures import (
     plot_error_decrease,
     plot_published_tasks,
 )
-from twosra_mpc.lab.paper.section import Data, Section, Tell, declared, table
+from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import sequence_name
 
@@ -128,7 +128,7 @@ def section(data: Data) -> Section:
     return declared(
         "tasks",
         found,
-        (table("tasks", 0, lines), table("tasks", 1, lines)),
+        (lines, lines),
         (TASKS_FIGURE, ERROR_FIGURE),
         missing=set(differences.values()) == {None},
     )

@@ -156,19 +156,28 @@ class Table:
 
 
 class _Cells(string.Formatter):
-    """Formats of cells, to which ``!m`` is a sequence of modes, and ``!p`` a share in per cent."""
+    """Formats of cells, to which ``!m`` is a sequence of modes, and ``!p`` a share in per cent.
+
+    What is not known is a dash, and a text stays as it is.
+    """
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
-        if conversion in ("m", "p"):
-            return sequence_name(value) if conversion == "m" else percent(value)
-        return super().convert_field(value, conversion)
+        words: dict[Any, Callable[[Any], str]] = {"m": sequence_name, "p": percent}
+        if conversion not in words:
+            return super().convert_field(value, conversion)
+        return value if isinstance(value, str) else words[conversion](value)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if value is None:
+            return "-"
+        return value if isinstance(value, str) else super().format_field(value, format_spec)
 
 
-def table(name: str, number: int, lines: Iterable[Data]) -> Table:
-    """Make a table of a section as declared: a row for each line of data."""
-    about = PAPER[name]["tables"][number]
+def _table(about: Data, found: Data, lines: Iterable[Data]) -> Table:
+    """Make a table as declared: a row for each line of data."""
     cells = (tuple(_Cells().vformat(one, (), line) for one in about["cells"]) for line in lines)
-    return Table(about["caption"], tuple(about["header"]), tuple(cells), about.get("numbers", 1))
+    caption, header = about["caption"].format_map(found), tuple(about["header"])
+    return Table(caption, header, tuple(cells), about.get("numbers", 1))
 
 
 @dataclass(frozen=True)
@@ -197,7 +206,7 @@ class Section:
 def declared(
     name: str,
     found: Data | None,
-    tables: Iterable[Table] = (),
+    lines: Iterable[Iterable[Data]] = (),
     pictures: Iterable[str] = (),
     *,
     missing: bool = False,
@@ -208,7 +217,7 @@ def declared(
     Args:
         name: Of the section.
         found: Numbers by name; None where there is no data.
-        tables: Further numbers.
+        lines: Of each of its tables, the data of its rows.
         pictures: Files of figures.
         missing: Whether to say what to give.
         others: Claims that are not declared, shown first.
@@ -228,7 +237,10 @@ def declared(
         title=about["title"],
         words=(about["words"].format_map(found or {}),),
         claims=(*others, *claims),
-        tables=tuple(tables),
+        tables=tuple(
+            _table(each, found or {}, of)
+            for each, of in zip(about.get("tables", ()), lines, strict=False)
+        ),
         pictures=tuple(Picture(file, about["pictures"][file]) for file in pictures),
         missing=about["missing"] if missing else "",
     )

@@ -9,8 +9,7 @@ import numpy as np
 
 from twosra_mpc.lab.figures.paper_figures import plot_forward_kinematics
 from twosra_mpc.lab.paper.section import Data, Tell
-from twosra_mpc.lab.reproduction.published_runs import StopReason
-from twosra_mpc.lab.reproduction.random_problems import RandomRun, random_runs
+from twosra_mpc.lab.reproduction.published_runs import RandomRun, StopReason, random_runs
 from twosra_mpc.robot.modes import is_rigid
 
 FIGURE = "forward-kinematics.png"

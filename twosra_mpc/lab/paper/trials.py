@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -10,19 +11,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from twosra_mpc.files import attributes
-from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
+from twosra_mpc.lab.figures.experiment_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
 from twosra_mpc.lab.identification.replay import replay
-from twosra_mpc.lab.paper.section import (
-    Claim,
-    Data,
-    Reading,
-    Section,
-    Table,
-    Tell,
-    declared,
-    table,
-)
+from twosra_mpc.lab.paper.section import Claim, Data, Reading, Section, Tell, declared
 from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
@@ -88,7 +80,7 @@ def section(data: Data | None) -> Section:
     made = declared(
         "trials",
         _of_trials(trials) | _of_bends(logs),
-        (_waits(logs), _deviations(trials), _ends(trials), _bent(logs)) if logs else (),
+        (_waits(logs, trials), _deviations(trials), _ends(trials), _bent(logs)) if logs else (),
         pictures,
         missing=bool(absent),
         others=[_distances(number, trials.get(number)) for number in DTW],
@@ -166,41 +158,26 @@ def _distinct(values: list[Any]) -> float | None:
     return len(set(values)) / len(values) if len(values) > 1 else None
 
 
-def _waits(logs: Data) -> Table:
-    rows = [
-        (name, str(one["trial"] or "-"), sequence_name(one["sequence"]), *_times(one["waiting"]))
-        for name, one in logs.items()
-    ]
-    published = [one["waiting"] for one in _trials(logs).values()]
-    if published:
-        waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
-        total = sum(one["total_s"] for one in published)
-        together = {"motion_s": total - waited, "total_s": total, "share_waiting": waited / total}
-        words = f"{len(published)} trials together"
-        rows.append((words, "", "", "", f"{waited:z.0f}", *_times(together)))
-    header = ("log", "trial", "modes", *(f"{words} [s]" for words in _TIMES.values()), "waiting")
-    return Table("Where the time went", header, tuple(rows), numbers=3)
+def _waits(logs: Data, trials: Trials) -> Iterator[Data]:
+    """Lines of the table of times, the last of all trials together."""
+    for name, one in logs.items():
+        of = one["waiting"]
+        yield {**of, "name": name, "trial": one["trial"], "waiting": 100 * of["share_waiting"]}
+    if trials:
+        every = [one["waiting"] for one in trials.values()]
+        waits_s = sum(one["first_heating_s"] + one["waits_s"] for one in every)
+        total_s = sum(one["total_s"] for one in every)
+        blank = {"trial": "", "sequence": "", "first_heating_s": ""}
+        times = {"waits_s": waits_s, "motion_s": total_s - waits_s, "total_s": total_s}
+        words = f"{len(trials)} trials together"
+        yield {"name": words, **blank, **times, "waiting": 100 * waits_s / total_s}
 
 
-_TIMES = {
-    "first_heating_s": "first heating",
-    "waits_s": "waits",
-    "motion_s": "motion",
-    "total_s": "all",
-}
-
-
-def _times(of: Data) -> list[str]:
-    """Times of the trials, and the share that is waiting."""
-    known = [f"{of[name]:z.0f}" for name in _TIMES if name in of]
-    return [*known, f"{100 * of['share_waiting']:z.1f} %"]
-
-
-def _deviations(trials: Trials) -> Table:
-    dtw = {number: one["dtw"] for number, one in trials.items()}
-    in_units = {n: (_in_units(one["mean"]), _in_units(one["largest"])) for n, one in dtw.items()}
-    lines = [{"trial": n, "mean": mean, "largest": most} for n, (mean, most) in in_units.items()]
-    return table("trials", 0, lines)
+def _deviations(trials: Trials) -> Iterator[Data]:
+    """Lines of the table of deviations by values alone."""
+    for number, one in trials.items():
+        mean, largest = (_in_units(one["dtw"][name]) for name in ("mean", "largest"))
+        yield {"trial": number, "mean": mean, "largest": largest}
 
 
 def _in_units(q: Any) -> list[float]:
@@ -208,18 +185,18 @@ def _in_units(q: Any) -> list[float]:
     return [1e3 * q[0], 1e3 * q[1], float(np.degrees(q[2])), *q[3:]]
 
 
-def _ends(trials: Trials) -> Table:
-    errors = {number: one["waiting"]["final_error"] for number, one in trials.items()}
-    return table("trials", 1, [{"trial": n, "error": _in_units(q)} for n, q in errors.items()])
+def _ends(trials: Trials) -> Iterator[Data]:
+    """Lines of the table of errors at the end."""
+    for number, one in trials.items():
+        yield {"trial": number, "error": _in_units(one["waiting"]["final_error"])}
 
 
-def _bent(logs: Data) -> Table:
-    bends = [{**one, "name": name} for name, log in logs.items() for one in log["bends"]]
-    lines = (
-        {**one, "modes": [one["mode"]], "off": _off(one["error"]), "still": _off(one["moved"])}
-        for one in bends
-    )
-    return table("trials", 2, lines)
+def _bent(logs: Data) -> Iterator[Data]:
+    """Lines of the table of ends of soft phases."""
+    for name, log in logs.items():
+        for one in log["bends"]:
+            off, still = _off(one["error"]), _off(one["moved"])
+            yield {**one, "name": name, "modes": [one["mode"]], "off": off, "still": still}
 
 
 def _off(error: Any) -> tuple[float, float]:

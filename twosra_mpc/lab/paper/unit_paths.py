@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from twosra_mpc.lab.figures.path_figure import plot_paths
+from twosra_mpc.lab.figures.identification_figures import plot_paths
 from twosra_mpc.lab.identification.path_fitting import CASES, fit_spirals
 from twosra_mpc.lab.paper.section import Data, Section, Tell, declared
 from twosra_mpc.robot.description import load_robot

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
+from twosra_mpc import Problem, Result
 from twosra_mpc.arguments import public
 from twosra_mpc.checking.followed import plan_off_words
 from twosra_mpc.files import data_file, ending_of, environment, write_text
@@ -31,11 +32,9 @@ from twosra_mpc.lab.analysis.critical_path import critical_path, hidden_activiti
 from twosra_mpc.lab.analysis.explanation import task_costs
 from twosra_mpc.lab.report import player
 from twosra_mpc.plans.plan import Verification, above_bound, percent, within
-from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.problem.limits import LIMITS
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.modes import mode_name, sequence_name

@@ -12,14 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twosra_mpc import Plan, Problem, RobotShape, robot_shape
 from twosra_mpc.checking.sweep import Clearance
-from twosra_mpc.model.outline import RobotShape, robot_shape
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Interval, Samples, stiffness_intervals, stretches
 from twosra_mpc.plotting import TimeStretch, world_figures
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.world_figures import length, names_m, shown_m
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import mode_name, soft_segments

@@ -23,14 +23,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from twosra_mpc import InputError, Robot
 from twosra_mpc.arguments import public
-from twosra_mpc.errors import InputError
 from twosra_mpc.installation import require
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.reproduction.published_model import checked_configuration
 from twosra_mpc.lab.reproduction.published_runs import SIMULATIONS, PublishedTrajectory
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence
 
 EXTRA = "paper"

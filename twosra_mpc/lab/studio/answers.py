@@ -2,33 +2,41 @@
 
 Nothing here knows how messages travel. Every answer is an iterator of records with a ``kind``: the
 drawing of the problem at once, then what is proved without surroundings, then plans that become
-better until the gap that is asked for is closed, or nobody waits any more.
+better until the gap that is asked for is closed, or nobody waits any more. A file of a problem is
+saved as scenario, Python program, plan, set-points or report.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
+from twosra_mpc import (
+    InputError,
+    Plan,
+    Problem,
+    Result,
+    RobotShape,
+    confirmed_lower_bound,
+    load_robot,
+    plan,
+    robot_shape,
+    with_path_model,
+)
 from twosra_mpc.effort import limited
-from twosra_mpc.errors import InputError
 from twosra_mpc.files import attributes, built_in_names
 from twosra_mpc.lab.analysis.critical_path import critical_path
 from twosra_mpc.lab.analysis.explanation import reasons
 from twosra_mpc.lab.report import player
-from twosra_mpc.lab.report.page import drawn
-from twosra_mpc.model.outline import RobotShape, robot_shape
-from twosra_mpc.planning.confirmed_bound import confirmed_lower_bound
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Plan, relative_gap
-from twosra_mpc.plans.result import Result
+from twosra_mpc.lab.report.page import drawn, report_page, scenario_toml
+from twosra_mpc.plans.plan import relative_gap
+from twosra_mpc.plans.setpoints import setpoints_csv
 from twosra_mpc.plotting.world_figures import outlines_m
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.description import load_robot, with_path_model
 from twosra_mpc.robot.modes import sequence_name
 from twosra_mpc.validation import Count, Metres, Numbers, Value
 
@@ -285,3 +293,42 @@ def _film(made: Plan, ghost: Result | None, box_mm: list[float]) -> Record:
         record["greedy"] = ghost.message
     parts = ("plane.html", "readings.html", "timeline.html")
     return record | {"data": data} | {part[:-5]: drawn(part, motion) for part in parts}
+
+
+class Saved(Value):
+    """Request to save a problem, a scenario document, in one of the forms."""
+
+    problem: dict[str, Any]
+    form: Literal["toml", "json", "html", "csv", "py"]
+
+
+def saved(asked: Saved) -> dict[str, Any]:
+    """Make a file: its name and its text.
+
+    Raises:
+        InputError: If the problem is none.
+        NoPlanError: If the set-points of a plan are asked for, and there is none.
+    """
+    problem = Problem(**asked.problem)
+    match asked.form:
+        case "toml":
+            text = scenario_toml(problem)
+        case "py":
+            text = _python(asked.problem)
+        case "json":
+            text = json.dumps(plan(problem).to_dict(), allow_nan=False)
+        case "html":
+            text = report_page(plan(problem))
+        case "csv":
+            text = setpoints_csv(plan(problem).require())
+    name = {"toml": "scenario", "json": "plan", "html": "report", "csv": "setpoints", "py": "plan"}
+    return {"kind": "file", "name": f"{name[asked.form]}.{asked.form}", "text": text}
+
+
+def _python(document: dict[str, Any]) -> str:
+    """A program that plans the problem."""
+    given = {key: value for key, value in document.items() if value not in (None, [], "")}
+    lines = [f"    {key}={value!r}," for key, value in given.items()]
+    before = ["from twosra_mpc import Problem, plan", "", "problem = Problem("]
+    after = [")", "result = plan(problem)", "print(result)", 'result.save("plan.json")', ""]
+    return "\n".join([*before, *lines, *after])

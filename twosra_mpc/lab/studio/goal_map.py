@@ -8,11 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc import InputError, Problem, plan
 from twosra_mpc.arguments import public
 from twosra_mpc.effort import limited
-from twosra_mpc.errors import InputError
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import sequence_name
 from twosra_mpc.validation import OneOrMore

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc import Plan, Problem, plan, robot_shape
 from twosra_mpc.execution.executor import plan_controller
 from twosra_mpc.execution.robot_interface import still
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
@@ -15,10 +16,6 @@ from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import settings_for
 from twosra_mpc.lab.report import player
 from twosra_mpc.lab.studio.answers import way_of
-from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Plan
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import sequence_name
 from twosra_mpc.validation import Count, Metres, Positive, Radians, Several, Value

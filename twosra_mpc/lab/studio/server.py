@@ -25,10 +25,9 @@ from twosra_mpc.execution.simulation.plant import ALL_PLANTS
 from twosra_mpc.files import built_in_names, data_file, environment, plain_data
 from twosra_mpc.installation import require
 from twosra_mpc.lab.report.page import policy
-from twosra_mpc.lab.studio.answers import Ask, GivenUp, answers, document, scene
+from twosra_mpc.lab.studio.answers import Ask, GivenUp, Saved, answers, document, saved, scene
 from twosra_mpc.lab.studio.goal_map import goal_coordinates, goal_map
 from twosra_mpc.lab.studio.live import LiveRun, Push, Run
-from twosra_mpc.lab.studio.saved import Saved, saved
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.validation import Several, Value

@@ -15,12 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import InputError, doubt
+from twosra_mpc import InputError, Obstacle, obstacles_of
+from twosra_mpc.errors import doubt
 from twosra_mpc.files import is_device, read_text, reading
 from twosra_mpc.keys import near_key
 from twosra_mpc.lab.image_file import open_image
-from twosra_mpc.problem.geojson import obstacles_of
-from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array, rotation
 from twosra_mpc.validation import ArrayValue, Metres, NonNegative, Number, Positive, Value, plain
 

@@ -1,20 +1,25 @@
-"""``twosra check-robot`` and ``twosra fit-paths``: wheels and paths by the lengths of a robot."""
+"""``twosra check-robot``, ``fit-paths`` and ``learn``: robot files, and what is fitted to them."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Annotated, Literal
 
-import click
+import numpy as np
 import tomlkit
 
-from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, Plot, RobotName, argument, command, option, written
 from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.run import load_run
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.bench.singular_shapes import (
     condition_number,
     singular_set_in_words,
     singular_shapes,
 )
+from twosra_mpc.lab.identification.bend_learning import Learned, learned, told_by
 from twosra_mpc.lab.identification.path_fitting import (
     CASES,
     fit_cardioids,
@@ -23,17 +28,19 @@ from twosra_mpc.lab.identification.path_fitting import (
 )
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.robot.description import Robot, load_robot, robot_document
-
-_FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
+from twosra_mpc.robot.joint_bends import Uncertainty
 
 
 @command("fit-paths")
-@click.argument("robot", **ROBOT)
-@file_option("--out", "Write a robot file with the fit.")
-@choice_option("Which fit goes into --out.", _FITTED, "--model")
-@plot_option("Draw exact and fitted paths")
 def fit_paths_command(
-    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
+    robot: RobotName,
+    out: Annotated[Path | None, written()],
+    model: Annotated[
+        Literal["log_spiral_corrected", "log_spiral", "cardioid"],
+        option(default="log_spiral_corrected"),
+    ],
+    plot: Plot,
+    output: Output,
 ) -> None:
     """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 
@@ -44,13 +51,20 @@ def fit_paths_command(
       twosra fit-paths 2sra-v1 --plot paths.png
     A robot file for your own fibre's lengths, with its comments kept:
       twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
+
+    Options:
+        out: Write a robot file with the fit.
+        model: Which fit goes into --out.
+        plot: Draw exact and fitted paths (png, pdf, svg).
     """
     described = load_robot(robot)
     with output.progress("fitting"):
         if out is not None:
             write_fitted_robot(robot, out, described, model)
         if plot is not None:
-            from twosra_mpc.lab.figures.path_figure import plot_paths  # matplotlib is slow
+            from twosra_mpc.lab.figures.identification_figures import (
+                plot_paths,  # matplotlib is slow
+            )
 
             plot_paths(described, plot)
     spirals, cardioids = fit_spirals(described.geometry), fit_cardioids(described.geometry)
@@ -107,8 +121,7 @@ def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, mod
 
 
 @command("check-robot")
-@click.argument("robot", **ROBOT)
-def check_robot_command(robot: str, output: Output) -> None:
+def check_robot_command(robot: RobotName, output: Output) -> None:
     """Check ROBOT (a name or a file) and report shapes in which its wheels lose control.
 
     \b
@@ -149,3 +162,87 @@ def check_robot_command(robot: str, output: Output) -> None:
         rows.append(("wheels singular", "nowhere within the curvature limits, by a scan"))
     title = (described.name, described.description)
     output.report(lambda: document, lambda: print_table(title, rows))
+
+
+_WITHIN = {"joint_splits": (-0.95, 0.95), "joint_relaxations": (0.0, 1.0)}
+
+
+@command("learn")
+def learn_command(
+    runs: Annotated[tuple[Path, ...], argument()],
+    robot: Annotated[str | None, option(**ROBOT)],
+    out: Annotated[Path | None, written()],
+    output: Output,
+) -> None:
+    """Learn from RUNS, files of "twosra simulate" or of your robot, how joint bends go.
+
+    What differs between runs is what is not known before the next one: each run counts once, and
+    what is learned is never narrower than how runs differ. The robot's file is copied with its
+    comments and a new [uncertainty], with which "twosra plan --risk" counts.
+
+    \b
+    Learn from two runs, and plan with it:
+      twosra learn run-1.json run-2.json --out learned.toml
+      twosra plan paper-1 --robot learned.toml --risk mean
+
+    Options:
+        robot: Whose runs these are: a name or a file; default: as in them.
+        out: Write a robot file with what is learned.
+    """
+    made = [load_run(path) for path in runs]
+    source = robot or made[0].problem.robot.name
+    described = load_robot(source)
+    told = [told_by(run, described) for run in made]
+    known = described.uncertainty
+    found = dict[str, Learned]()
+    for name, column in zip(_WITHIN, zip(*told, strict=True), strict=False):
+        shown = [value for value in column if math.isfinite(value)]
+        given = None if known is None else getattr(known, name)
+        if len(shown) >= (1 if given else 2):
+            found[name] = learned(given, shown, _WITHIN[name])
+    if not found:
+        least = "one bend of two soft segments" + ("" if known else " in each of two runs")
+        raise InputError("runs", [str(path) for path in runs], f"at least {least}")
+    changed = Uncertainty(
+        **{**(dict(known) if known else {}), **{name: one.values for name, one in found.items()}}
+    )
+    if out is not None:
+        _write(source, out, changed, found, len(runs))
+    gains = [each.gain for each in told if math.isfinite(each.gain)]
+    document = {
+        "robot": described.name,
+        "runs": [{"run": str(path), **one._asdict()} for path, one in zip(runs, told, strict=True)],
+        "learned": {name: one._asdict() for name, one in found.items()},
+        "gain": {"mean": np.mean(gains), "spread": np.std(gains)} if gains else None,
+        "uncertainty": changed.model_dump(mode="json"),
+    }
+
+    def tables() -> None:
+        rows = [(str(path), *map(_percent, one)) for path, one in zip(runs, told, strict=True)]
+        print_table(("run", "split", "difference lost", "bent of what was asked"), rows)
+        print_table(
+            (described.name, "next run", "equally likely"),
+            [
+                (name, f"{one.mean:z.3f} +- {one.spread:z.3f}", ", ".join(map(str, one.values)))
+                for name, one in found.items()
+            ],
+        )
+
+    output.report(lambda: document, tables)
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:+z.1f} %" if math.isfinite(value) else "-"
+
+
+def _write(
+    source: str, target: Path, changed: Uncertainty, found: dict[str, Learned], runs: int
+) -> None:
+    """Write a copy of the robot's file; all but its ``[uncertainty]`` stays as it is."""
+    document = robot_document(source)
+    table = document.setdefault("uncertainty", tomlkit.table())
+    for name, one in found.items():
+        table[name] = list(getattr(changed, name))
+        words = f"learned from {runs} run{'s' * (runs > 1)} and {Path(source).name}"
+        table[name].comment(f"{words}: {one.mean:z.3f} +- {one.spread:z.3f}")
+    write_text(target, tomlkit.dumps(document))
