@@ -98,7 +98,7 @@ class StageBounds:
                 heads = [longer for head in heads for longer in self.longer(head, begins)]
             for head in heads:
                 whole = self.closed(head, begins)
-                if whole and len(whole) <= self.most_phases and self.fits(whole):
+                if whole and len(whole) <= self.most_phases and self.misfit(whole) is None:
                     yield whole
 
     def longer(self, head: ModeSequence, begins: StartingStiffness) -> Iterator[ModeSequence]:
@@ -119,24 +119,19 @@ class StageBounds:
 
     def misfit(self, sequence: ModeSequence) -> str | None:
         """Reason why a sequence cannot be one of this stage."""
-        if self.fits(sequence):
-            return None
-        return (self.bend and unreachable_reason(sequence, self.bend)) or "a task must reshape"
-
-    def fits(self, sequence: ModeSequence) -> bool:
-        """True if a sequence may be one of this stage."""
-        soft = frozenset(filter(any, sequence))
-        return (bool(soft) or not self.reshapes) and self.suffice(soft)
+        if self.reshapes and not any(map(any, sequence)):
+            return "a task must reshape"
+        return self.unreachable(frozenset(sequence))
 
     @once
-    def suffice(self, modes: frozenset[Mode]) -> bool:
-        """True if nothing that these soft modes keep forbids the bend."""
-        return self.bend is None or unreachable_reason([*modes], self.bend) is None
+    def unreachable(self, modes: frozenset[Mode]) -> str | None:
+        """Reason why these modes cannot bring about the bend, by what they keep; None otherwise."""
+        return None if self.bend is None else unreachable_reason(sorted(modes), self.bend)
 
     @once
     def lacks(self, modes: frozenset[Mode]) -> int:
         """Number of soft modes that must follow these at least; 0 if the stage is impossible."""
-        if self.impossible or self.suffice(modes):
+        if self.impossible or not self.unreachable(modes):
             return 0
         least = len(self.modes)
         for mode in self.modes:
@@ -144,13 +139,10 @@ class StageBounds:
                 least = min(least, self.lacks(modes | {mode}))
         return 1 + least
 
-    @cached_property
+    @property
     def impossible(self) -> str | None:
         """Reason why no sequence of its modes brings about the bend, if none does."""
-        if self.bend is None:
-            return None
-        rigid_first = sorted(self.modes, key=lambda mode: mode != self.rigid)
-        return unreachable_reason(rigid_first, self.bend)
+        return self.unreachable(frozenset(self.modes))
 
     def settled(self, sequence: ModeSequence) -> Mode:
         """Stiffness after a sequence of it."""
