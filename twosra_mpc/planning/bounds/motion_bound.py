@@ -53,7 +53,6 @@ _MANY, _IDLE = 1500, 0.7  # rows of which some are left out, and growth of those
 _CLOSE, _HALVINGS, _MOST = 1.04, 5, 3000  # growth that is left, halvings, boxes to be halved
 _FINE = 0.05  # rad, and of the largest curvature: boxes of the goal
 _FIXED = 5  # unknowns before the coefficients of V
-_STILL = 1e-300  # 1/m/s: added to rates that may be 0
 _EXACT = 1e-9  # allowance for rounding of motions, relative or in m/s
 _ROUNDING = 1e-6  # of the bound
 
@@ -171,14 +170,11 @@ class _Program:
         off = np.tensordot(around[1], np.abs(ends).max(axis=0), 1) + _EXACT * np.abs(middle)
         steep, wide = (ends[1] + ends[0])[:, :, 0] / 2, (ends[1] - ends[0])[:, :, 0] / 2
         spread = np.tensordot(around[1], wide, 1) + _EXACT * np.abs(middle[:, 0])
-        least, highest = (
-            np.maximum(side[:, :1], 0.0) * np.maximum(side[:, 4 + soft], 0.0) + _STILL
+        turning = (
+            np.maximum(side[:, :1], 0.0) * np.maximum(side[:, 4 + soft], 0.0)
             for side in (middle - off, middle + off)
         )
-        quickest, full = self.pose.bend_rates_per_m_s[soft, None], np.ones(count)
-        left = quickest - least[::-1]  # what the other one's most leaves to each
-        one, other = np.clip(np.maximum(left / least, left / highest).min(axis=1), -1.0, 1.0)
-        shares = np.array([[one, full], [full, other], [full, -full]])
+        shares = self.pose.shares(mode, *turning)
         for each in (middle, off):
             each[:, 4:] /= most[:, None]
         tilt = np.broadcast_to(steep * most[:, None, None], (_TWO, 2, count))

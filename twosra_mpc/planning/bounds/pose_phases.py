@@ -19,6 +19,7 @@ Shape = tuple[float, ...]  # curvatures [1/m]
 Bounds = tuple[tuple[float, float], ...]  # (low, high) of every segment
 
 BOXES = 24  # of shapes in a piece of B
+_STILL = 1e-300  # 1/m/s: added to rates that may be 0
 _INSIDE, _OUTSIDE = 4, 2  # pieces of B within the bend, on each side
 
 
@@ -37,7 +38,8 @@ class PoseTask:
             in a shape between, and how far off they may be, each (m, 3).
         ramp_s: In which a locomotion unit gets from rest to full speed at least [s].
         soft_motions: (mode, least W (n, m), largest W (n, m)) -> lower and upper bounds, each
-            (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, in these boxes.
+            (2, 4 + n, m), of twist (u, v, r), dW/dt and the rates of all curvatures by LU1 and by
+            LU2 at full speed, in these boxes.
         changes: (mode, middles (n, m), half-widths (n,) of boxes of curvatures [1/m]) -> dW/dt by
             LU1 and LU2 at full speed, and twist and change of all curvatures per dW, in the
             middles, (2, 4 + n, m); and bounds of their slopes in the boxes, (2, n, 2, 4 + n, m).
@@ -91,13 +93,31 @@ class PoseTask:
         lower, upper = self.soft_motions(mode, low, high)
         if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
             return None
-        middle, half = (upper + lower) / 2, (upper - lower) / 2
-        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]  # of the units' speeds
-        piece = np.repeat(np.arange(len(bends)), BOXES)[:, None]
-        motions = [i * middle[0] + j * middle[1] for i, j in corners]
-        slack = np.tile((half[0] + half[1]).T, (len(corners), 1))
-        piece = np.tile(piece, (len(corners), 1))
-        return PhaseMotions(np.concatenate(motions, axis=1).T, slack, piece, bends, settled)
+        middle, half = (upper + lower)[:, :4] / 2, (upper - lower)[:, :4] / 2
+        turning = (side[:, 4 + np.flatnonzero(mode)] for side in (lower, upper))
+        shares = self.shares(mode, *turning)
+        motions = np.einsum("kum,ucm->kmc", [*shares, *-shares], middle).reshape(-1, 4)
+        slack = np.tile((half[0] + half[1]).T, (2 * len(shares), 1))
+        piece = np.tile(np.repeat(np.arange(len(bends)), BOXES), 2 * len(shares))[:, None]
+        return PhaseMotions(motions, slack, piece, bends, settled)
+
+    def shares(self, mode: Mode, least: Array, most: Array) -> Array:
+        """Shares of full speed at corners of what the units may do in boxes, (k, 2, m).
+
+        No soft segment bends faster than its limit, so both do not go on at full speed. Opposite
+        corners are left out.
+
+        Args:
+            mode: A soft mode.
+            least: Of the rates of the curvatures of its soft segments, by unit, (2, soft, m).
+            most: The same.
+        """
+        quickest = self.bend_rates_per_m_s[np.flatnonzero(mode), None]
+        least, most = (np.maximum(side, 0.0) + _STILL for side in (least, most))
+        left = quickest - least[::-1]  # what the other one's least leaves to each
+        one, other = np.clip(np.maximum(left / least, left / most).min(axis=1), -1.0, 1.0)
+        full = np.ones_like(one)
+        return np.array([[one, full], [full, other], [full, -full]])
 
 
 def pieces_of(
