@@ -101,34 +101,62 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    charge(Cost.LINEAR_PROGRAM, _LEAST + len(objective) + len(limits))
-    highspy = _quiet_highspy()
-    ends = np.array([(a, b) for a, b in bounds], dtype=float)
-    entries = rows if isinstance(rows, Rows) else Rows.of(rows)
-    program = highspy.HighsLp()
-    program.num_col_, program.num_row_ = len(objective), len(limits)
-    program.col_cost_ = objective
-    program.col_lower_, program.col_upper_ = np.where(
-        np.isnan(ends), (-np.inf, np.inf), ends
-    ).T.copy()
-    program.row_lower_, program.row_upper_ = np.full(len(limits), -np.inf), limits
-    matrix = program.a_matrix_
-    matrix.format_ = highspy.MatrixFormat.kRowwise
-    matrix.start_, matrix.index_, matrix.value_ = entries
-    solver = highspy.Highs()
-    solver.setOptionValue("output_flag", False)
-    solver.setOptionValue("threads", 1)
-    solver.passModel(program)
-    solver.run()
-    status = solver.getModelStatus()
-    if status == highspy.HighsModelStatus.kInfeasible:
-        return None
-    if status != highspy.HighsModelStatus.kOptimal:
-        words = solver.modelStatusToString(status)
-        raise ArithmeticError(f"linear program without optimum: {words}")
-    found = solver.getSolution()
-    cost = solver.getInfo().objective_function_value
-    return Optimum(cost, np.array(found.col_value), np.array(found.row_dual))
+    return Program(objective, rows, limits, bounds).optimum()
+
+
+class Program:
+    """A linear program to which rows are added; it goes on from the optimum before.
+
+    Args:
+        objective: Is minimised, (n,).
+        rows: (m, n).
+        limits: (m,).
+        bounds: Of x.
+    """
+
+    def __init__(
+        self, objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
+    ) -> None:
+        highspy = _quiet_highspy()
+        ends = np.array([(a, b) for a, b in bounds], dtype=float)
+        program = highspy.HighsLp()
+        program.num_col_, program.num_row_ = len(objective), 0
+        program.col_cost_ = objective
+        program.col_lower_, program.col_upper_ = np.where(
+            np.isnan(ends), (-np.inf, np.inf), ends
+        ).T.copy()
+        self._solver = highspy.Highs()
+        self._solver.setOptionValue("output_flag", False)
+        self._solver.setOptionValue("threads", 1)
+        self._solver.passModel(program)
+        self._size = _LEAST + len(objective)
+        self.add(rows, limits)
+
+    def add(self, rows: Array | Rows, limits: Array) -> None:
+        """Demand that ``rows @ x <= limits`` too."""
+        starts, columns, values = rows if isinstance(rows, Rows) else Rows.of(rows)
+        none = np.full(len(limits), -np.inf)
+        self._solver.addRows(len(limits), none, limits, len(values), starts[:-1].astype(np.int32), columns.astype(np.int32), values)
+        self._size += len(limits)
+
+    def optimum(self) -> Optimum | None:
+        """The optimum; None if the constraints contradict each other; as the solver says.
+
+        Raises:
+            ArithmeticError: If the program is unbounded or the solver gives up.
+        """
+        charge(Cost.LINEAR_PROGRAM, self._size)
+        highspy, solver = _quiet_highspy(), self._solver
+        solver.run()
+        status = solver.getModelStatus()
+        if status == highspy.HighsModelStatus.kInfeasible:
+            return None
+        if status != highspy.HighsModelStatus.kOptimal:
+            words = solver.modelStatusToString(status)
+            raise ArithmeticError(f"linear program without optimum: {words}")
+        found = solver.getSolution()
+        cost = solver.getInfo().objective_function_value
+        return Optimum(cost, np.array(found.col_value), np.array(found.row_dual))
 
 
 def proved_minimum(
