@@ -113,7 +113,8 @@ def test_what_each_unit_does_to_the_robot_is_enclosed(robot: Robot, mode: Mode) 
             j, step = mode.index(1), 1e-3
             steep = facts.coordinate(shape[j] + step) - facts.coordinate(shape[j] - step)
             moved = kinematics(robot).jacobian([0, 0, 0, *shape], mode).full()[:, :2]
-            motion = unit_speed(robot) * np.vstack([moved[:3], moved[3 + j] * steep / (2 * step)])
+            bent = moved[3 + j] * steep / (2 * step)
+            motion = unit_speed(robot) * np.vstack([moved[:3], bent, moved[3:]])
             assert (low[:, :, box] - 1e-7 <= motion.T).all()
             assert (high[:, :, box] + 1e-7 >= motion.T).all()
 

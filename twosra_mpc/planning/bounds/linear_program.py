@@ -114,9 +114,7 @@ class Program:
         bounds: Of x.
     """
 
-    def __init__(
-        self, objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
-    ) -> None:
+    def __init__(self, objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds) -> None:
         highspy = _quiet_highspy()
         ends = np.array([(a, b) for a, b in bounds], dtype=float)
         program = highspy.HighsLp()
@@ -136,7 +134,15 @@ class Program:
         """Demand that ``rows @ x <= limits`` too."""
         starts, columns, values = rows if isinstance(rows, Rows) else Rows.of(rows)
         none = np.full(len(limits), -np.inf)
-        self._solver.addRows(len(limits), none, limits, len(values), starts[:-1].astype(np.int32), columns.astype(np.int32), values)
+        self._solver.addRows(
+            len(limits),
+            none,
+            limits,
+            len(values),
+            starts[:-1].astype(np.int32),
+            columns.astype(np.int32),
+            values,
+        )
         self._size += len(limits)
 
     def optimum(self) -> Optimum | None:

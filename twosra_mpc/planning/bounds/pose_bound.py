@@ -46,12 +46,12 @@ from twosra_mpc.planning.bounds.pose_phases import Indices, PhaseMotions, PoseTa
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import EventLayout
 
-PANELS = 16  # of headings, and one edge more near the goal's
+PANELS = 12  # of headings, and one edge more near the goal's
 _GRID = 5  # decimals of a turn to which edges are rounded, so that no panel is tiny
 _ROUNDS = 20  # of adding rows
 _CUTS = 400  # rows added a phase and round
 _VIOLATED = 1e-4  # s/s
-_FIRST = 40  # motions of a phase of which there are rows at first
+_FIRST = 10  # motions of a phase of which there are rows at first
 _AHEAD: Array = np.array([0.0, 1.0, 0.5])  # where on a panel the points are that are tested
 _INSTANT_S, _STILL = 1e-12, 1e-300  # ramps are longer, growth counts that is more
 _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-9 rad
@@ -143,9 +143,7 @@ class PoseProgram:
         """Gain of S from start to goal."""
         gain = np.zeros(self.width)
         gain[:2] = self.task.shift
-        gain[self.u[0] + self.panels * np.arange(len(self.phases[0].edges))] = (
-            -self.phases[0].begin
-        )
+        gain[self.u[0] + self.panels * np.arange(len(self.phases[0].edges))] = -self.phases[0].begin
         gain[self.y : self.m] = least
         gain[self.m] = 1.0
         gain[self.m + 1 : self.a] = -np.where(self.given, self.task.reach, 0.0)
@@ -301,7 +299,9 @@ class PoseProgram:
         growth = (u * forth + v * across + w * bend)[..., None] + (r * turn)[:, :, None, :]
         slack = phase.slack[:, :, None]
         loose = np.hypot(*p) * np.hypot(slack[:, 0], slack[:, 1])
-        loose = loose + slack[:, 2] * np.abs(turn).max(axis=2) + slack[:, 3] * np.abs(bend).max(axis=2)
+        loose = (
+            loose + slack[:, 2] * np.abs(turn).max(axis=2) + slack[:, 3] * np.abs(bend).max(axis=2)
+        )
         half = self.widths / 2
         off = (half / np.sin(half) - 1) / 2 * np.abs(last - first)[..., 0]
         loose += off * (np.abs(w[..., 0]) + slack[:, 3])

@@ -110,7 +110,9 @@ class PoseTask:
         if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
             return None
         middle, half = (upper + lower)[:, :4] / 2, (upper - lower)[:, :4] / 2
-        turning = (side[:, 4 + np.flatnonzero(mode)] for side in (lower, upper))
+        soft = np.flatnonzero(mode)
+        turning = lower[:, 4 + soft], upper[:, 4 + soft]
+        quickest = self.bend_rates_per_m_s[soft]
         inside = edges[(edges > bend[0]) & (edges < bend[1])]
         ends = np.array([between(edges, w) for w in (*bend, *inside)])
 
@@ -122,27 +124,26 @@ class PoseTask:
             at = np.tile(np.array([steps, steps + 1 / boxes]).T, (len(motions) // boxes, 1))
             return PhaseMotions(motions, slack, piece, at, edges, between(edges, 0.0), ends)
 
-        full = np.array([[1.0, 1.0], [1.0, -1.0]])[..., None] * np.ones(low.shape[1])
-        starting = moving(full)
-        return moving(self.shares(mode, *turning))._replace(starting=starting, ramp_s=self.ramp_s)
+        starting = moving(corners(math.inf * quickest, *turning))
+        return moving(corners(quickest, *turning))._replace(starting=starting, ramp_s=self.ramp_s)
 
-    def shares(self, mode: Mode, least: Array, most: Array) -> Array:
-        """Shares of full speed at corners of what the units may do in boxes, (k, 2, m).
 
-        No soft segment bends faster than its limit, so both do not go on at full speed. Opposite
-        corners are left out.
+def corners(quickest: Array, least: Array, most: Array) -> Array:
+    """Shares of full speed at corners of what the units may do in boxes, (k, 2, m).
 
-        Args:
-            mode: A soft mode.
-            least: Of the rates of the curvatures of its soft segments, by unit, (2, soft, m).
-            most: The same.
-        """
-        quickest = self.bend_rates_per_m_s[np.flatnonzero(mode), None]
-        least, most = (np.maximum(side, 0.0) + _STILL for side in (least, most))
-        left = quickest - least[::-1]  # what the other one's least leaves to each
-        one, other = np.clip(np.maximum(left / least, left / most).min(axis=1), -1.0, 1.0)
-        full = np.ones_like(one)
-        return np.array([[one, full], [full, other], [full, -full]])
+    No soft segment bends faster than its limit, so both do not go on at full speed. Opposite
+    corners are left out.
+
+    Args:
+        quickest: Largest rates of the curvatures of soft segments [1/m/s], (soft,).
+        least: Of these rates in the boxes, by unit at full speed, (2, soft, m).
+        most: The same.
+    """
+    least, most = (np.maximum(side, 0.0) + _STILL for side in (least, most))
+    left = quickest[:, None] - least[::-1]  # what the other one's least leaves to each
+    one, other = np.clip(np.maximum(left / least, left / most).min(axis=1), -1.0, 1.0)
+    full = np.ones_like(one)
+    return np.array([[one, full], [full, other], [full, -full]])
 
 
 def pieces_of(bend: tuple[float, float], room: tuple[float, float]) -> Array:

@@ -140,7 +140,10 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
     goal pose, and a sequence whose soft modes are independent.
     """
-    (network, weights, least_s), phases = events, _phase_motions(events.network.sequence, task, _COARSE)
+    (network, weights, least_s), phases = (
+        events,
+        _phase_motions(events.network.sequence, task, _COARSE),
+    )
     if task.pose is None or phases is None:
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
@@ -159,12 +162,6 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
         assert finer is not None, "something limits each"
         enough = min(enough, _told_apart(events, task, program.prove(found, finer), enough))
     return enough
-
-
-def moving_bound(events: Events, task: BendingTask, moves_s: float) -> float:
-    """Bound of a sequence whose phases last so long in all [s]; -inf if not known."""
-    ones = np.ones(len(events.network.sequence))
-    return _told_apart(events, task, PoseConstraint(ones, moves_s, 0 * ones), -math.inf)
 
 
 def _told_apart(
@@ -193,7 +190,9 @@ def _told_apart(
     if bound is None or bound.cost >= enough:
         return math.inf if bound is None else bound.cost
     layout = events.network.layout
-    lasts = np.array([bound.times[layout.end(i)] - bound.times[layout.start(i)] for i in range(len(least))])
+    lasts = np.array(
+        [bound.times[layout.end(i)] - bound.times[layout.start(i)] for i in range(len(least))]
+    )
     loose = found.rates * (at_least + slopes * (lasts - least) - found.at_speed_s(lasts)) * ~short
     i = int(loose.argmax())
     if enough == -math.inf or loose[i] <= _LOOSE * bound.cost:
@@ -217,7 +216,9 @@ def _phase_motions(
     for i, step in enumerate(steps):
         if any(step.mode):
             room = _room(step.mode, step.before, task)
-            motions = task.pose.soft_phase(step.mode, step.before, (step.least, step.most), room, boxes)
+            motions = task.pose.soft_phase(
+                step.mode, step.before, (step.least, step.most), room, boxes
+            )
         else:
             motions = task.pose.rigid_phase(*_shapes(sequence, i, step.before, task))
         if motions is None:

@@ -20,7 +20,6 @@ from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import (
     Events,
     SequenceBound,
-    moving_bound,
     pose_bound,
 )
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation, Together, Way
@@ -28,7 +27,7 @@ from twosra_mpc.planning.search.nodes import InTheWay, Node, Stages, Whole
 from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, sequence_name
-from twosra_mpc.timing import TemporalNetwork, TransitionModel
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, resting_s
 
 _MANY = 16  # leaves that are bounded without asking how long plans move
 
@@ -145,14 +144,6 @@ class Leaves:
         network = timing.network(sequence, stage.settled(sequence), longer)
         return Events(timing.with_delays(network, longer), self.so_far.weights, longer)
 
-    def by_modes(self, whole: Whole, drives_s: Sequence[float]) -> float:
-        """Bound by how long plans move whose first stage has the modes of this one."""
-        stages, modes = self.variants[whole.variant], frozenset(whole.sequences[0])
-        if not self.ask_motion(whole, modes) or (task := stages[0].bend) is None:
-            return -math.inf
-        delayed = self._delayed(stages[0], whole.sequences[0], drives_s)
-        return moving_bound(delayed, task, self.moves_s(modes)) + self._later(whole)
-
     def first_is_forbidden(self, whole: Whole) -> bool:
         """True if the bends of the first stage's bound pass a forbidden shape."""
         task, first = self.variants[whole.variant][0].bend, whole.sequences[0]
@@ -200,8 +191,11 @@ class Leaves:
         task = self.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
-        moves_s = max(task.pose.known_s, 2 * sum(self.so_far.durations(whole)))
-        if moves_s > self.bounds[whole].cost or len(self.bounds) > _MANY:
+        lasts_s = self.so_far.durations(whole)
+        moves_s = max(task.pose.known_s, 2 * sum(lasts_s))
+        if len(self.bounds) > _MANY:
+            moves_s += resting_s(self.so_far.network(whole, self.last(whole), lasts_s))
+        if moves_s > self.bounds[whole].cost:
             self.ask_motion(whole, self.all_modes)
 
     def moves_s(self, modes: frozenset[Mode]) -> float:
@@ -429,8 +423,6 @@ class Tree(Generic[Solution]):
         if any(map(any, whole.joined)) and self._far(whole, bound, enough):
             self.leaves.ask_motion(whole, self.leaves.all_modes)
             bound = max(bound, self.bound(node))
-            if self._far(whole, bound, enough):
-                bound = max(bound, self.leaves.by_modes(whole, drives_s[0]))
         return bound
 
     def _far(self, whole: Whole, bound: float, enough: float) -> bool:
