@@ -289,7 +289,7 @@ def test_where_the_solver_gives_up_nothing_is_proved(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(bounds, "proved_minimum", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
     monkeypatch.undo()
-    monkeypatch.setattr("twosra_mpc.planning.bounds.pose_bound.minimise", give_up)
+    monkeypatch.setattr("twosra_mpc.planning.bounds.pose_bound.Program.optimum", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
 
 

@@ -27,6 +27,7 @@ from twosra_mpc.native_output import discarded_native_output
 from twosra_mpc.robot.coordinates import Array
 
 _LEAST = 100  # rows and columns: no program costs less than one of so many
+_STEPS = 10_000  # of the simplex method, which may go round in circles
 _NEVER = 1e9  # a cost that no plan has
 _UNIT = 2.0**-52
 
@@ -126,6 +127,7 @@ class Program:
         self._solver = highspy.Highs()
         self._solver.setOptionValue("output_flag", False)
         self._solver.setOptionValue("threads", 1)
+        self._solver.setOptionValue("simplex_iteration_limit", _STEPS)
         self._solver.passModel(program)
         self._size = _LEAST + len(objective)
         self.add(rows, limits)

@@ -97,11 +97,16 @@ class PoseTask:
     ) -> PhaseMotions | None:
         """Motions of a soft phase that bends by something in ``bend`` and strays within ``room``.
 
-        In so many boxes of shapes in each piece of what it may bend; None if nothing limits it.
+        In about so many boxes of shapes; None if nothing limits it.
         """
         edges = pieces_of(bend, room)
-        steps = np.linspace(0.0, 1.0, boxes, endpoint=False)
-        along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
+        width = np.diff(edges)
+        counts = np.ceil(boxes * width / width.sum()).astype(int)
+        of_piece = np.repeat(np.arange(len(width)), counts)
+        step = (np.arange(len(of_piece)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[
+            of_piece
+        ]
+        along = np.append(edges[of_piece] + width[of_piece] * step, edges[-1])
         low, high = (
             np.array([w[end] + soft * ends for w, soft in zip(origin, mode, strict=True)])
             for end, ends in enumerate((along[:-1], along[1:]))
@@ -120,8 +125,8 @@ class PoseTask:
             count = 2 * len(shares)
             motions = np.einsum("kum,ucm->kmc", [*shares, *-shares], middle).reshape(-1, 4)
             slack = np.tile((half[0] + half[1]).T, (count, 1))
-            piece = np.tile(np.repeat(np.arange(len(edges) - 1), boxes), count)
-            at = np.tile(np.array([steps, steps + 1 / boxes]).T, (len(motions) // boxes, 1))
+            piece = np.tile(of_piece, count)
+            at = np.tile(np.array([step, step + 1 / counts[of_piece]]).T, (count, 1))
             return PhaseMotions(motions, slack, piece, at, edges, between(edges, 0.0), ends)
 
         starting = moving(corners(math.inf * quickest, *turning))

@@ -54,7 +54,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
 from twosra_mpc.timing import TemporalNetwork
 
-_COARSE, _FINE = 8, 96  # boxes of shapes in each piece of a bend: to look, and to prove
+_COARSE, _FINE = 64, 768  # boxes of shapes in a bend: to look, and to prove
 _LOOSE = 1e-4  # of a bound: how much short phases may be wrong
 _TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 
@@ -256,7 +256,9 @@ def _linear_program_bound(
     program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}
-        for i, (rate, most) in enumerate(zip(pose.rates.tolist(), pose.ramps_s.tolist())):
+        for i, (rate, most) in enumerate(
+            zip(pose.rates.tolist(), pose.ramps_s.tolist(), strict=True)
+        ):
             drives |= {layout.end(i): rate, layout.start(i): -rate}
             if 0.0 < most < math.inf:
                 program.at_least({layout.end(i): -1.0, layout.start(i): 1.0}, -most)

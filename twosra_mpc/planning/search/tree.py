@@ -420,13 +420,11 @@ class Tree(Generic[Solution]):
             drives_s.append(list(way.least_drives_s(sequence)))
         bound = self.bound(node) if self.leaves.motion_s else -math.inf
         bound = self.leaves.tighter(whole, drives_s, bound, enough)
-        if any(map(any, whole.joined)) and self._far(whole, bound, enough):
+        lacks = max(bound, self.leaves.bounds[whole].cost) < (1 - _MOVING) * enough
+        if lacks and any(map(any, whole.joined)):
             self.leaves.ask_motion(whole, self.leaves.all_modes)
             bound = max(bound, self.bound(node))
         return bound
-
-    def _far(self, whole: Whole, bound: float, enough: float) -> bool:
-        return max(bound, self.leaves.bounds[whole].cost) < (1 - _MOVING) * enough
 
     def solve(self, node: Node) -> Iterator[tuple[float, Solution] | None]:
         """Hand the sequences of all stages to the solver.
