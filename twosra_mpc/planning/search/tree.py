@@ -30,6 +30,7 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, sequen
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, resting_s
 
 _MANY = 16  # leaves that are bounded without asking how long plans move
+_RESTING = 0.9  # share of a bound in which nothing moves, from which on that is of no use
 
 
 @dataclass
@@ -191,11 +192,10 @@ class Leaves:
         task = self.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
-        lasts_s = self.so_far.durations(whole)
-        moves_s = max(task.pose.known_s, 2 * sum(lasts_s))
-        if len(self.bounds) > _MANY:
-            moves_s += resting_s(self.so_far.network(whole, self.last(whole), lasts_s))
-        if moves_s > self.bounds[whole].cost:
+        lasts_s, cost = self.so_far.durations(whole), self.bounds[whole].cost
+        network = self.so_far.network(whole, self.last(whole), lasts_s)
+        long = max(task.pose.known_s, 2 * sum(lasts_s)) > cost
+        if long or (len(self.bounds) > _MANY and resting_s(network) < _RESTING * cost):
             self.ask_motion(whole, self.all_modes)
 
     def moves_s(self, modes: frozenset[Mode]) -> float:
