@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,68 +103,47 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    return Program(objective, rows, limits, bounds).optimum()
+    return Program(objective, bounds).optimum(rows, limits)
 
 
+@dataclass
 class Program:
-    """A linear program to which rows are added; it goes on from the optimum before.
+    """A linear program to which rows are added; the simplex method goes on where it was."""
 
-    Args:
-        objective: Is minimised, (n,).
-        rows: (m, n).
-        limits: (m,).
-        bounds: Of x.
-    """
+    objective: Array
+    bounds: Bounds
+    _solver: Any = None
+    _size: int = _LEAST
 
-    def __init__(self, objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds) -> None:
-        highspy = _quiet_highspy()
-        ends = np.array([(a, b) for a, b in bounds], dtype=float)
-        program = highspy.HighsLp()
-        program.num_col_, program.num_row_ = len(objective), 0
-        program.col_cost_ = objective
-        program.col_lower_, program.col_upper_ = np.where(
-            np.isnan(ends), (-np.inf, np.inf), ends
-        ).T.copy()
-        self._solver = highspy.Highs()
-        self._solver.setOptionValue("output_flag", False)
-        self._solver.setOptionValue("threads", 1)
-        self._solver.setOptionValue("simplex_iteration_limit", _STEPS)
-        self._solver.passModel(program)
-        self._size = _LEAST + len(objective)
-        self.add(rows, limits)
-
-    def add(self, rows: Array | Rows, limits: Array) -> None:
-        """Demand that ``rows @ x <= limits`` too."""
-        starts, columns, values = rows if isinstance(rows, Rows) else Rows.of(rows)
-        none = np.full(len(limits), -np.inf)
-        self._solver.addRows(
-            len(limits),
-            none,
-            limits,
-            len(values),
-            starts[:-1].astype(np.int32),
-            columns.astype(np.int32),
-            values,
-        )
+    def optimum(self, rows: Array | Rows, limits: Array) -> Optimum | None:
+        """The least ``objective . x`` with ``rows @ x <= limits`` too, as in ``minimise``."""
         self._size += len(limits)
-
-    def optimum(self) -> Optimum | None:
-        """The optimum; None if the constraints contradict each other; as the solver says.
-
-        Raises:
-            ArithmeticError: If the program is unbounded or the solver gives up.
-        """
-        charge(Cost.LINEAR_PROGRAM, self._size)
-        highspy, solver = _quiet_highspy(), self._solver
-        solver.run()
-        status = solver.getModelStatus()
+        charge(Cost.LINEAR_PROGRAM, self._size + len(self.objective))
+        highspy = _quiet_highspy()
+        if self._solver is None:
+            ends = np.array([(a, b) for a, b in self.bounds], dtype=float)
+            program = highspy.HighsLp()
+            program.num_col_, program.col_cost_ = len(self.objective), self.objective
+            program.col_lower_, program.col_upper_ = np.where(
+                np.isnan(ends), (-np.inf, np.inf), ends
+            ).T.copy()
+            self._solver = highspy.Highs()
+            self._solver.setOptionValue("output_flag", False)
+            self._solver.setOptionValue("threads", 1)
+            self._solver.setOptionValue("simplex_iteration_limit", _STEPS)
+            self._solver.passModel(program)
+        starts, columns, values = rows if isinstance(rows, Rows) else Rows.of(rows)
+        none, (first, where) = np.full(len(limits), -np.inf), map(np.int32, (starts[:-1], columns))
+        self._solver.addRows(len(limits), none, limits, len(values), first, where, values)
+        self._solver.run()
+        status = self._solver.getModelStatus()
         if status == highspy.HighsModelStatus.kInfeasible:
             return None
         if status != highspy.HighsModelStatus.kOptimal:
-            words = solver.modelStatusToString(status)
+            words = self._solver.modelStatusToString(status)
             raise ArithmeticError(f"linear program without optimum: {words}")
-        found = solver.getSolution()
-        cost = solver.getInfo().objective_function_value
+        found = self._solver.getSolution()
+        cost = self._solver.getInfo().objective_function_value
         return Optimum(cost, np.array(found.col_value), np.array(found.row_dual))
 
 

@@ -2,29 +2,36 @@ r"""Bound on what the change of pose costs a mode sequence whose bends are known
 
 Let S_i be functions of pose and bend, one for each phase i, with common gradients p and a,
 
-.. math:: S_i = p \cdot (x, y) + a \phi + C_i(\phi) + B_i(W),
+.. math:: S_i = p \cdot (x, y) + a \phi + U_i(\phi, W),
 
-C_i of period 2 pi and piecewise linear in the heading, B_i piecewise linear in the bending
-coordinate, 0 where the phase begins. If S_i grows by at most g_i per second whatever the robot
-does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over the phases of a plan
+U_i of period 2 pi in the heading, and bilinear between edges of heading and bend (of a rigid phase,
+of the heading alone). If S_i grows by at most g_i per second whatever the robot does in phase i,
+and U_{i+1} where phase i + 1 begins less U_i where phase i may end is at most e_i at every heading,
+then summing over the phases of a plan
 
 .. math:: \sum_i g_i\,(t_{end,i} - t_{start,i}) \;\ge\;
-    p \cdot \Delta(x, y) + a \Delta\phi + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
+    p \cdot \Delta(x, y) + a \Delta\phi + U_n(\phi_{goal}, d_n) - U_0(0, 0) - \sum_i e_i,
 
 a linear constraint on the event times, and the least cost of the temporal network with this
-constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
-about, or bend too far and back. Where a bend d_i is known to within bounds, B_i is flat between
-them; of the goal poses the one counts that gains the least, so p has no part along a coordinate
-that is free, and of a free heading the least C_n counts. Plans that turn left by some angle modulo
+constraint is a lower bound. It holds for any p and U, however the robot moves: it may rest, turn
+about, or bend too far and back. Where a bend d_i is known to within bounds, the worst in them
+counts; of the goal poses the one counts that gains the least, so p has no part along a coordinate
+that is free, and of a free heading the least U_n counts. Plans that turn left by some angle modulo
 2 pi, or by more, gain at least a times that where a >= 0, and those that turn right where a <= 0:
 each are bounded by a program of their own, and the worse bound is that of all.
 
+Phases begin and end at rest. With G what S_i may grow by where only the full speed of units or
+wheels limits it, which takes them a ramp R to reach, growth after t is at most G t / R too: so a
+phase that lasts T counts as T - r with r = R g_i / G, or T^2 / (4 r) where it lasts less than 2 r.
+
 In a rigid phase g_i is a maximum over the vertices of a polytope of twists; in a soft phase over
 boxes of shapes on the line of its bends, out to the curvature limits, and the corners of the two
-units' speeds (growth is linear in both, and what limits the wheels besides is left out).
+units' speeds that bend no segment too fast (growth is linear in both, and what limits the wheels
+besides is left out). Along a box growth is linear, but for how motions change: its ends count.
 
 On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
-and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.
+and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel. Where on
+the panel U is taken for them is off by half of h / sin h - 1 of it at most.
 
 The S_i that give the highest bound solve a linear program together with the dual of the temporal
 network (y are its multipliers, and g_i the price of time in phase i). Most of its rows are idle, so
@@ -53,7 +60,7 @@ _CUTS = 400  # rows added a phase and round
 _VIOLATED = 1e-4  # s/s
 _FIRST = 10  # motions of a phase of which there are rows at first
 _AHEAD: Array = np.array([0.0, 1.0, 0.5])  # where on a panel the points are that are tested
-_INSTANT_S, _STILL = 1e-12, 1e-300  # ramps are longer, growth counts that is more
+_INSTANT_S = 1e-12  # ramps are longer
 _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-9 rad
 
 
@@ -74,7 +81,7 @@ class PoseConstraint(NamedTuple):
 
 
 class PoseProgram:
-    """The linear program for p, C, B, g, e, y, the least C_n at the goal, the sizes of p, and a.
+    """The linear program for p, U, g, y, the least U_n at the goal, the sizes of p, and a.
 
     Columns are in this order.
 
@@ -116,11 +123,10 @@ class PoseProgram:
         self.a = self.m + 3
         self.width = self.a + 1
         self.gain = self._gain(list(least.values()))
-        cost = cost[: layout.origin]
-        rows = Rows.stacked([self._balance(layout, least), self._switches(), self._least_gain()])
-        limits = np.pad(cost, (0, len(rows.starts) - 1 - len(cost)))
-        bounds = [(low, high) for low, high in self._bounds(task).tolist()]
-        self.program = Program(-self.gain, rows, limits, bounds)
+        self.program = Program(-self.gain, self._bounds(task).tolist())
+        # Those that are not in the program yet: limited by costs, and by 0.
+        self.rows = [self._balance(layout, least), self._switches(), self._least_gain()]
+        self.limits = cost[: layout.origin]
         for i, phase in enumerate(phases):
             step = max(1, len(phase.motions) // _FIRST)
             motion, panel = np.meshgrid(
@@ -129,7 +135,7 @@ class PoseProgram:
             self._add(i, motion.ravel(), panel.ravel(), np.full(motion.size, 4))
 
     def _goal_headings(self, task: PoseTask) -> Array:
-        """Headings of the goal at one of which C_n is least, as shares of edges, (n, panels)."""
+        """Headings of the goal at one of which U_n is least, as shares of edges, (n, panels)."""
         inner, half = task.turn % math.tau, task.turn_reach
         inside = np.abs(np.remainder(self.edges[:-1] - inner + math.pi, math.tau) - math.pi) < half
         ends = np.remainder([inner, inner - half, inner + half], math.tau)
@@ -217,8 +223,7 @@ class PoseProgram:
             *(self.u[i] + self.panels * edge + p for edge in (low, high) for p in (panel, turned)),
         ]
         row, column = np.tile(np.arange(count), len(columns)), np.concatenate(columns)
-        rows = Rows.summed(count, row, column, np.concatenate(values))
-        self.program.add(rows, np.zeros(count))
+        self.rows.append(Rows.summed(count, row, column, np.concatenate(values)))
 
     def best(self, value: Callable[[PoseConstraint], float], enough: float) -> Array | None:
         """The x of which a constraint of the highest value is proved, up to what is enough."""
@@ -235,8 +240,11 @@ class PoseProgram:
 
     def solve(self) -> Array | None:
         """Optimum of the program with the rows it has; None if the solver gives up."""
+        rows = Rows.stacked(self.rows)
+        limits = np.pad(self.limits, (0, len(rows.starts) - 1 - len(self.limits)))
+        self.rows, self.limits = [], limits[:0]
         try:
-            optimum = self.program.optimum()
+            optimum = self.program.optimum(rows, limits)
         except ArithmeticError:
             return None
         return None if optimum is None else optimum.x
@@ -245,21 +253,18 @@ class PoseProgram:
         """What S in x is worth; adds the rows it violates, and tells whether there are any."""
         growths = [self.growth(phase, i, x) for i, phase in enumerate(self.phases)]
         violated = [self._cut(i, each - x[self.g + i]) for i, (each, _) in enumerate(growths)]
-        return self._constraint(x, list(map(_largest, growths)), 0 * self.prices(x)), any(violated)
-
-    def prices(self, x: Array) -> Array:
-        """Price of time in each phase, (phases,)."""
-        return x[self.g : self.y]
+        rates = list(map(_largest, growths))
+        return self._constraint(x, rates, np.zeros(len(rates))), any(violated)
 
     def prove(self, x: Array, phases: Sequence[PhaseMotions]) -> PoseConstraint:
         """What S in x is worth, by how these phases move and start."""
-        rates, starts = [], []
-        for i, phase in enumerate(phases):
-            rates.append(_largest(self.growth(phase, i, x)))
-            starting = phase.starting
-            fast = _largest(self.growth(starting, i, x)) if starting else math.inf
-            starts.append(phase.ramp_s * rates[-1] / max(fast, rates[-1], _STILL))
-        return self._constraint(x, rates, np.array(starts))
+        rates = [_largest(self.growth(phase, i, x)) for i, phase in enumerate(phases)]
+        ramps_s = np.zeros(len(phases))
+        for i, (phase, rate) in enumerate(zip(phases, rates, strict=True)):
+            if phase.starting and rate:
+                fast = _largest(self.growth(phase.starting, i, x))
+                ramps_s[i] = phase.ramp_s * rate / max(fast, rate)
+        return self._constraint(x, rates, ramps_s)
 
     def _constraint(self, x: Array, rates: list[float], ramps_s: Array) -> PoseConstraint:
         p = x[:2] * self.given
@@ -297,14 +302,10 @@ class PoseProgram:
         bend = first * (1 - _AHEAD) + last * _AHEAD
         forth, across = p[0] * self.cos + p[1] * self.sin, p[1] * self.cos - p[0] * self.sin
         growth = (u * forth + v * across + w * bend)[..., None] + (r * turn)[:, :, None, :]
-        slack = phase.slack[:, :, None]
-        loose = np.hypot(*p) * np.hypot(slack[:, 0], slack[:, 1])
-        loose = (
-            loose + slack[:, 2] * np.abs(turn).max(axis=2) + slack[:, 3] * np.abs(bend).max(axis=2)
-        )
-        half = self.widths / 2
-        off = (half / np.sin(half) - 1) / 2 * np.abs(last - first)[..., 0]
-        loose += off * (np.abs(w[..., 0]) + slack[:, 3])
+        off, half = phase.slack.T[:, :, None], self.widths / 2
+        twist = (half / np.sin(half) - 1) / 2 * np.abs(last - first)[..., 0]
+        loose = np.hypot(*p) * np.hypot(*off[:2]) + twist * (np.abs(w[..., 0]) + off[3])
+        loose += off[2] * np.abs(turn).max(axis=2) + off[3] * np.abs(bend).max(axis=2)
         return growth.reshape(*growth.shape[:2], -1), loose
 
     def _cut(self, i: int, excess: Array) -> bool:

@@ -100,13 +100,11 @@ class PoseTask:
         In about so many boxes of shapes; None if nothing limits it.
         """
         edges = pieces_of(bend, room)
-        width = np.diff(edges)
-        counts = np.ceil(boxes * width / width.sum()).astype(int)
-        of_piece = np.repeat(np.arange(len(width)), counts)
-        step = (np.arange(len(of_piece)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[
-            of_piece
-        ]
-        along = np.append(edges[of_piece] + width[of_piece] * step, edges[-1])
+        counts = np.ceil(boxes * np.diff(edges) / np.ptp(edges)).astype(int)
+        of_piece = np.repeat(np.arange(len(counts)), counts)
+        parts = [np.arange(count + 1) / count for count in counts]
+        at = np.concatenate([np.stack([part[:-1], part[1:]], axis=1) for part in parts])
+        along = np.append(edges[of_piece] + np.diff(edges)[of_piece] * at[:, 0], edges[-1])
         low, high = (
             np.array([w[end] + soft * ends for w, soft in zip(origin, mode, strict=True)])
             for end, ends in enumerate((along[:-1], along[1:]))
@@ -122,12 +120,11 @@ class PoseTask:
         ends = np.array([between(edges, w) for w in (*bend, *inside)])
 
         def moving(shares: Array) -> PhaseMotions:
-            count = 2 * len(shares)
             motions = np.einsum("kum,ucm->kmc", [*shares, *-shares], middle).reshape(-1, 4)
-            slack = np.tile((half[0] + half[1]).T, (count, 1))
-            piece = np.tile(of_piece, count)
-            at = np.tile(np.array([step, step + 1 / counts[of_piece]]).T, (count, 1))
-            return PhaseMotions(motions, slack, piece, at, edges, between(edges, 0.0), ends)
+            of_boxes = (half[0] + half[1]).T, of_piece[:, None], at
+            slack, piece, place = (np.tile(each, (2 * len(shares), 1)) for each in of_boxes)
+            begin = between(edges, 0.0)
+            return PhaseMotions(motions, slack, piece[:, 0], place, edges, begin, ends)
 
         starting = moving(corners(math.inf * quickest, *turning))
         return moving(corners(quickest, *turning))._replace(starting=starting, ramp_s=self.ramp_s)

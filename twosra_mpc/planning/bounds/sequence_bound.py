@@ -20,9 +20,7 @@ E_i / (t_{end,i} - t_{start,i}) for the least effort times duration E_i that suc
 (rigid drives: none). Every plan of the sequence satisfies these constraints, because R is an upper
 bound of abs(dW/dt) and W_j rests while segment j is rigid; so the optimum of this linear program
 bounds its cost from below. Where that is not enough, what the sequence may do is cut into
-``parts``, and a goal pose adds the constraint of ``pose_bound``, less what is lost while the units
-get from rest to full speed r seconds long, and back, in a bend that takes T: r, or T - T^2 / (4 r)
-where T < 2 r. A sequence that never melts
+``parts``, and a goal pose adds the constraint of ``pose_bound``. A sequence that never melts
 anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
@@ -140,17 +138,15 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
     goal pose, and a sequence whose soft modes are independent.
     """
-    (network, weights, least_s), phases = (
-        events,
-        _phase_motions(events.network.sequence, task, _COARSE),
-    )
-    if task.pose is None or phases is None:
+    network, weights, least_s = events
+    phases, finer = (_phase_motions(network.sequence, task, n) for n in (_COARSE, _FINE))
+    if task.pose is None or phases is None or finer is None:
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
 
     timed = with_durations(network, least_s)
     times = timed.earliest or [0.0] * network.layout.count
-    # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
+    # Where to look for it: as if all of a delay were passed on. Proved is what is told apart.
     whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
     least = timed.least | whole
     for side in task.pose.sides:
@@ -158,8 +154,6 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
         found = program.best(lambda each: _told_apart(events, task, each, -math.inf), enough)
         if found is None:
             return -math.inf
-        finer = _phase_motions(network.sequence, task, _FINE)
-        assert finer is not None, "something limits each"
         enough = min(enough, _told_apart(events, task, program.prove(found, finer), enough))
     return enough
 
@@ -189,10 +183,7 @@ def _told_apart(
         return -math.inf
     if bound is None or bound.cost >= enough:
         return math.inf if bound is None else bound.cost
-    layout = events.network.layout
-    lasts = np.array(
-        [bound.times[layout.end(i)] - bound.times[layout.start(i)] for i in range(len(least))]
-    )
+    lasts = np.diff(bound.times[: 2 * len(least)])[::2]  # starts and ends come first, in turns
     loose = found.rates * (at_least + slopes * (lasts - least) - found.at_speed_s(lasts)) * ~short
     i = int(loose.argmax())
     if enough == -math.inf or loose[i] <= _LOOSE * bound.cost:
