@@ -113,7 +113,8 @@ def test_what_each_unit_does_to_the_robot_is_enclosed(robot: Robot, mode: Mode) 
             j, step = mode.index(1), 1e-3
             steep = facts.coordinate(shape[j] + step) - facts.coordinate(shape[j] - step)
             moved = kinematics(robot).jacobian([0, 0, 0, *shape], mode).full()[:, :2]
-            motion = unit_speed(robot) * np.vstack([moved[:3], moved[3 + j] * steep / (2 * step)])
+            bent = moved[3 + j] * steep / (2 * step)
+            motion = unit_speed(robot) * np.vstack([moved[:3], bent, moved[3:]])
             assert (low[:, :, box] - 1e-7 <= motion.T).all()
             assert (high[:, :, box] + 1e-7 >= motion.T).all()
 
@@ -288,7 +289,7 @@ def test_where_the_solver_gives_up_nothing_is_proved(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(bounds, "proved_minimum", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
     monkeypatch.undo()
-    monkeypatch.setattr("twosra_mpc.planning.bounds.pose_bound.minimise", give_up)
+    monkeypatch.setattr("twosra_mpc.planning.bounds.pose_bound.Program.optimum", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
 
 

@@ -244,15 +244,15 @@ class Bending:
             high: Largest.
 
         Returns:
-            Lower and upper bounds in each box, each (2, 4, m): for LU1 and LU2 b0's twist
-            (u, v, r) [m/s, m/s, rad/s] and dW/dt.
+            Lower and upper bounds in each box, each (2, 4 + n, m): for LU1 and LU2 b0's twist
+            (u, v, r) [m/s, m/s, rad/s], dW/dt and the rate of every curvature [1/m/s].
         """
         boxes = _corners(self.body, low, high)
         twists = enclose(_twists(self.body, mode), *boxes)
         rates = enclose(_rates(self.body, mode), *boxes)
         speed = _unit_speed(self.body)
         least, most = (
-            speed * np.concatenate([twist.reshape(2, 3, -1), rate[:, None]], axis=1)
+            speed * np.insert(twist.reshape(2, -1, twist.shape[-1]), POSE, rate, axis=1)
             for twist, rate in zip(twists, rates, strict=True)
         )
         return least, most
@@ -376,10 +376,10 @@ def _largest_paces(body: Body, mode: Mode, lower: Array, upper: Array) -> Array:
 
 @per_body(8)
 def _twists(body: Body, mode: Mode) -> ca.Function:
-    """Kappa (n,) -> twists (u, v, r) of b0 per travel of LU1 and of LU2, stacked (6,)."""
+    """Kappa (n,) -> (u, v, r) of b0 and kappa per travel of LU1 and of LU2, (2 (3 + n),)."""
     kappa = ca.SX.sym("kappa", body.geometry.segments)
     jacobian = kinematics(body).jacobian(ca.vertcat(0, 0, 0, kappa), mode)
-    stacked = ca.vertcat(jacobian[:POSE, 0], jacobian[:POSE, 1])
+    stacked = ca.vertcat(jacobian[:, 0], jacobian[:, 1])
     return ca.Function("twists", [kappa], [ca.densify(stacked)])
 
 
@@ -426,7 +426,7 @@ def _fastest(body: Body, mode: Mode, kappa: Known) -> float:
 def _largest_speed(body: Body, mode: Mode) -> float:
     with np.errstate(invalid="ignore"):  # wide boxes may hold shapes of unbounded speed
         low, high = enclose(_twists(body, mode), *_grid(body, (None,) * len(mode)))
-    most = np.maximum(np.abs(low), np.abs(high)).reshape(2, POSE, -1)
+    most = np.maximum(np.abs(low), np.abs(high)).reshape(2, POSE + len(mode), -1)
     speed = np.hypot(most[:, 0], most[:, 1]).sum(axis=0) * _unit_speed(body)
     return float(np.where(np.isnan(speed), np.inf, speed).max())
 

@@ -299,6 +299,7 @@ def pose_task(problem: Problem | Alone) -> PoseTask | None:
         known_s=_known_s(guess),
         speed_rows=partial(rigid_rows_between, robot),
         ramp_s=unit_ramp_s(robot),
+        wheel_ramp_s=WHEEL_SPEED.most(robot) / (robot.limits.wheel_acceleration_rad_s2 or math.inf),
         soft_motions=bending(robot).motions_between,
         changes=bending(robot).changes_around,
         bend_rates_per_m_s=(robot.limits.bend_rate_rad_s or math.inf) / lengths_m,

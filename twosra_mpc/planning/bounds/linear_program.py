@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from twosra_mpc.native_output import discarded_native_output
 from twosra_mpc.robot.coordinates import Array
 
 _LEAST = 100  # rows and columns: no program costs less than one of so many
+_STEPS = 10_000  # of the simplex method, which may go round in circles
 _NEVER = 1e9  # a cost that no plan has
 _UNIT = 2.0**-52
 
@@ -101,34 +103,48 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    charge(Cost.LINEAR_PROGRAM, _LEAST + len(objective) + len(limits))
-    highspy = _quiet_highspy()
-    ends = np.array([(a, b) for a, b in bounds], dtype=float)
-    entries = rows if isinstance(rows, Rows) else Rows.of(rows)
-    program = highspy.HighsLp()
-    program.num_col_, program.num_row_ = len(objective), len(limits)
-    program.col_cost_ = objective
-    program.col_lower_, program.col_upper_ = np.where(
-        np.isnan(ends), (-np.inf, np.inf), ends
-    ).T.copy()
-    program.row_lower_, program.row_upper_ = np.full(len(limits), -np.inf), limits
-    matrix = program.a_matrix_
-    matrix.format_ = highspy.MatrixFormat.kRowwise
-    matrix.start_, matrix.index_, matrix.value_ = entries
-    solver = highspy.Highs()
-    solver.setOptionValue("output_flag", False)
-    solver.setOptionValue("threads", 1)
-    solver.passModel(program)
-    solver.run()
-    status = solver.getModelStatus()
-    if status == highspy.HighsModelStatus.kInfeasible:
-        return None
-    if status != highspy.HighsModelStatus.kOptimal:
-        words = solver.modelStatusToString(status)
-        raise ArithmeticError(f"linear program without optimum: {words}")
-    found = solver.getSolution()
-    cost = solver.getInfo().objective_function_value
-    return Optimum(cost, np.array(found.col_value), np.array(found.row_dual))
+    return Program(objective, bounds).optimum(rows, limits)
+
+
+@dataclass
+class Program:
+    """A linear program to which rows are added; the simplex method goes on where it was."""
+
+    objective: Array
+    bounds: Bounds
+    _solver: Any = None
+    _size: int = _LEAST
+
+    def optimum(self, rows: Array | Rows, limits: Array) -> Optimum | None:
+        """The least ``objective . x`` with ``rows @ x <= limits`` too, as in ``minimise``."""
+        self._size += len(limits)
+        charge(Cost.LINEAR_PROGRAM, self._size + len(self.objective))
+        highspy = _quiet_highspy()
+        if self._solver is None:
+            ends = np.array([(a, b) for a, b in self.bounds], dtype=float)
+            program = highspy.HighsLp()
+            program.num_col_, program.col_cost_ = len(self.objective), self.objective
+            program.col_lower_, program.col_upper_ = np.where(
+                np.isnan(ends), (-np.inf, np.inf), ends
+            ).T.copy()
+            self._solver = highspy.Highs()
+            self._solver.setOptionValue("output_flag", False)
+            self._solver.setOptionValue("threads", 1)
+            self._solver.setOptionValue("simplex_iteration_limit", _STEPS)
+            self._solver.passModel(program)
+        starts, columns, values = rows if isinstance(rows, Rows) else Rows.of(rows)
+        none, (first, where) = np.full(len(limits), -np.inf), map(np.int32, (starts[:-1], columns))
+        self._solver.addRows(len(limits), none, limits, len(values), first, where, values)
+        self._solver.run()
+        status = self._solver.getModelStatus()
+        if status == highspy.HighsModelStatus.kInfeasible:
+            return None
+        if status != highspy.HighsModelStatus.kOptimal:
+            words = self._solver.modelStatusToString(status)
+            raise ArithmeticError(f"linear program without optimum: {words}")
+        found = self._solver.getSolution()
+        cost = self._solver.getInfo().objective_function_value
+        return Optimum(cost, np.array(found.col_value), np.array(found.row_dual))
 
 
 def proved_minimum(

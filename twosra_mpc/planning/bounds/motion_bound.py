@@ -14,6 +14,10 @@ maximum (M. Riesz), abs(T) is at most their largest over cos(pi K / N). In a box
 motions are enclosed, and V is expanded about the middle, which is exact; what is not constant there
 is bounded by the amplitudes of its waves.
 
+Phases begin and end at rest. While wheels and units get to full speed, S grows by no more than what
+they may do besides all other limits, as they speed up: until it may grow as fast as ever, a ramp
+takes r. A plan that gains g so moves for g + min(g, r), however it is cut into phases.
+
 The S that gains most at a number of shapes and headings is a linear program, to which what grows
 too fast is added. Boxes in which it may grow much faster are halved then, and S is divided by what
 is left of its growth.
@@ -33,7 +37,7 @@ import numpy as np
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.bounds.bends import BendingTask
 from twosra_mpc.planning.bounds.linear_program import minimise
-from twosra_mpc.planning.bounds.pose_phases import PoseTask
+from twosra_mpc.planning.bounds.pose_phases import PhaseMotions, PoseTask, corners
 from twosra_mpc.problem.tolerances import BEYOND_PER_M
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, is_rigid
@@ -53,7 +57,6 @@ _MANY, _IDLE = 1500, 0.7  # rows of which some are left out, and growth of those
 _CLOSE, _HALVINGS, _MOST = 1.04, 5, 3000  # growth that is left, halvings, boxes to be halved
 _FINE = 0.05  # rad, and of the largest curvature: boxes of the goal
 _FIXED = 5  # unknowns before the coefficients of V
-_STILL = 1e-300  # 1/m/s: added to rates that may be 0
 _EXACT = 1e-9  # allowance for rounding of motions, relative or in m/s
 _ROUNDING = 1e-6  # of the bound
 
@@ -142,27 +145,28 @@ class _Program:
         return self._grid(_BOXES, 1 / _BOXES)
 
     @cached_property
-    def twists(self) -> Array | None:
-        """Extreme twists of rigid drives, without most opposites; None if nothing limits them."""
+    def drives(self) -> PhaseMotions | None:
+        """Motions of rigid drives; None if nothing limits them."""
         most = tuple(self.most_per_m.tolist())
-        found = self.pose.rigid_phase(tuple(-k for k in most), most)
-        return None if found is None else found.motions[found.motions[:, 0] >= -_EXACT, :3]
+        return self.pose.rigid_phase(tuple(-k for k in most), most)
 
     @cached_property
     def limited(self) -> bool:
         """Whether motions are limited in every shape."""
-        if self.twists is None:
+        if self.drives is None:
             return False
         moves = (self._moves(mode, self.shapes) for mode in self.modes)
         return all(np.isfinite(part).all() for each in moves for part in each)
 
-    def _moves(self, mode: Mode, shapes: _Shapes) -> _Moves:
-        """Motions of a mode in boxes of shapes: of both units, as quickly as they may bend."""
+    def _moves(self, mode: Mode, shapes: _Shapes, starting: bool = False) -> _Moves:
+        """Motions of a mode in boxes of shapes: as quickly as they may be, or as they start."""
         count = len(shapes.middles)
         if is_rigid(mode):
-            assert self.twists is not None, "that is asked first"
+            assert self.drives is not None, "that is asked first"
+            twists = ((starting and self.drives.starting) or self.drives).motions[:, :3]
+            twists = twists[twists[:, 0] >= -_EXACT]  # without most opposites
             units = np.repeat(np.eye(3, 5)[..., None], count, axis=2)
-            shares, paces = np.repeat(self.twists[..., None], count, axis=2), np.ones((3, count))
+            shares, paces = np.repeat(twists[..., None], count, axis=2), np.ones((3, count))
             still = np.zeros((_TWO, 3, count))
             return _Moves(units, 0 * units, paces, still, 0 * paces, shares)
         most, soft = self.most_per_m, np.flatnonzero(mode)
@@ -171,14 +175,12 @@ class _Program:
         off = np.tensordot(around[1], np.abs(ends).max(axis=0), 1) + _EXACT * np.abs(middle)
         steep, wide = (ends[1] + ends[0])[:, :, 0] / 2, (ends[1] - ends[0])[:, :, 0] / 2
         spread = np.tensordot(around[1], wide, 1) + _EXACT * np.abs(middle[:, 0])
-        least, highest = (
-            np.maximum(side[:, :1], 0.0) * np.maximum(side[:, 4 + soft], 0.0) + _STILL
+        turning = (
+            np.maximum(side[:, :1], 0.0) * np.maximum(side[:, 4 + soft], 0.0)
             for side in (middle - off, middle + off)
         )
-        quickest, full = self.pose.bend_rates_per_m_s[soft, None], np.ones(count)
-        left = quickest - least[::-1]  # what the other one's most leaves to each
-        one, other = np.clip(np.maximum(left / least, left / highest).min(axis=1), -1.0, 1.0)
-        shares = np.array([[one, full], [full, other], [full, -full]])
+        quickest = self.pose.bend_rates_per_m_s[soft] * (math.inf if starting else 1.0)
+        shares = corners(quickest, *turning)
         for each in (middle, off):
             each[:, 4:] /= most[:, None]
         tilt = np.broadcast_to(steep * most[:, None, None], (_TWO, 2, count))
@@ -203,9 +205,9 @@ class _Program:
         found[..., 1], found[..., 1 + _TURNS] = u * p[0] + v * p[1], u * p[1] - v * p[0]
         return found
 
-    def growth(self, x: Array, mode: Mode, shapes: _Shapes) -> Array:
+    def growth(self, x: Array, mode: Mode, shapes: _Shapes, starting: bool = False) -> Array:
         """Proved growth of S in boxes of shapes, at every heading, (m,)."""
-        units, off, paces, tilt, spread, shares = self._moves(mode, shapes)
+        units, off, paces, tilt, spread, shares = self._moves(mode, shapes, starting)
         charge(Cost.ENCLOSURE, shares.shape[0] * shares.shape[2] // 2)  # measured
         reach, higher = (_reach(shapes.half, _DEGREE + more) for more in (0, 1))
         slopes = self._slopes(x, shapes.middles)
@@ -280,7 +282,16 @@ class _Program:
         x = self._solved()
         if x is None or (gain := self.gain(x)) <= 0.0:
             return 0.0
-        return gain / max(self._grows(x, mode) for mode in self.modes) * (1 - _ROUNDING)
+        most = max(self._grows(x, mode) for mode in self.modes)
+        ramp_s = min(self._ramp_s(x, mode, most) for mode in self.modes)
+        return (gain / most + min(ramp_s, gain / most)) * (1 - _ROUNDING)
+
+    def _ramp_s(self, x: Array, mode: Mode, most: float) -> float:
+        """Least time from rest until S grows as fast as it ever does, in a phase of a mode [s]."""
+        starts = float(self.growth(x, mode, self.shapes, starting=True).max(initial=0.0))
+        assert self.drives is not None, "that is asked first"
+        full_s = self.drives.ramp_s if is_rigid(mode) else self.pose.ramp_s
+        return full_s * most / max(starts, most)
 
     def _solved(self) -> Array | None:
         """The S that gains most where it is sampled; None if the solver gives up."""

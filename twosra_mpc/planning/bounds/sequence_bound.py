@@ -20,9 +20,7 @@ E_i / (t_{end,i} - t_{start,i}) for the least effort times duration E_i that suc
 (rigid drives: none). Every plan of the sequence satisfies these constraints, because R is an upper
 bound of abs(dW/dt) and W_j rests while segment j is rigid; so the optimum of this linear program
 bounds its cost from below. Where that is not enough, what the sequence may do is cut into
-``parts``, and a goal pose adds the constraint of ``pose_bound``, less what is lost while the units
-get from rest to full speed r seconds long, and back, in a bend that takes T: r, or T - T^2 / (4 r)
-where T < 2 r. A sequence that never melts
+``parts``, and a goal pose adds the constraint of ``pose_bound``. A sequence that never melts
 anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
@@ -54,6 +52,8 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
 from twosra_mpc.timing import TemporalNetwork
 
+_COARSE, _FINE = 64, 768  # boxes of shapes in a bend: to look, and to prove
+_LOOSE = 1e-4  # of a bound: how much short phases may be wrong
 _TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 
 
@@ -138,45 +138,68 @@ def pose_bound(events: Events, task: BendingTask, enough: float) -> float:
     Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
     goal pose, and a sequence whose soft modes are independent.
     """
-    (network, weights, least_s), phases = events, _phase_motions(events.network.sequence, task)
-    if task.pose is None or phases is None:
+    network, weights, least_s = events
+    phases, finer = (_phase_motions(network.sequence, task, n) for n in (_COARSE, _FINE))
+    if task.pose is None or phases is None or finer is None:
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
 
-    soft, ramp_s = np.array(network.sequence, dtype=bool).any(axis=1), task.pose.ramp_s
-    some = np.minimum(1.0, np.array(least_s) / max(2 * ramp_s, 1e-300))
-    lost_s = soft * ramp_s * (1 - (1 - some) ** 2)  # from rest and to it, in what lasts so long
-
-    def bound_with(found: PoseConstraint) -> float:
-        need = found.need + float(found.rates @ lost_s)
-        return _constrained_bound(events, task, found._replace(need=need))
-
     timed = with_durations(network, least_s)
     times = timed.earliest or [0.0] * network.layout.count
-    # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
+    # Where to look for it: as if all of a delay were passed on. Proved is what is told apart.
     whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
     least = timed.least | whole
     for side in task.pose.sides:
         program = PoseProgram(task.pose, phases, network.layout, least, cost, side)
-        enough = min(enough, program.best(bound_with, enough))
+        found = program.best(lambda each: _told_apart(events, task, each, -math.inf), enough)
+        if found is None:
+            return -math.inf
+        enough = min(enough, _told_apart(events, task, program.prove(found, finer), enough))
     return enough
 
 
-def moving_bound(events: Events, task: BendingTask, moves_s: float) -> float:
-    """Bound of a sequence whose phases last so long in all [s]; -inf if not known."""
-    lasting = PoseConstraint(np.ones(len(events.network.sequence)), moves_s)
-    return _constrained_bound(events, task, lasting)
+def _told_apart(
+    events: Events,
+    task: BendingTask,
+    found: PoseConstraint,
+    enough: float,
+    most_s: tuple[float, ...] = (),
+) -> float:
+    """Bound where phases last so long at most; short ones are told apart until it is enough.
 
-
-def _constrained_bound(events: Events, task: BendingTask, constraint: PoseConstraint) -> float:
+    A phase reaches less than full speed while it lasts less than two ramps, and lasts d at full
+    speed less a ramp else: one line is above all that, or two.
+    """
+    most_s = most_s or (math.inf,) * len(events.least_s)
+    least, most = np.array(events.least_s), np.array(most_s)
+    at_least, short = found.at_speed_s(least), most < math.inf
+    slopes = np.ones(len(least))
+    slopes[short] = (found.at_speed_s(most) - at_least)[short] / (most - least)[short]
+    rates = found.rates * slopes
+    need = found.need - float(found.rates @ at_least - rates @ least)
     try:
-        bound = _linear_program_bound(events, task, constraint)
+        bound = _linear_program_bound(events, task, PoseConstraint(rates, need, most))
     except ArithmeticError:  # the solver gave up: nothing is proved
         return -math.inf
-    return -math.inf if bound is None else bound.cost
+    if bound is None or bound.cost >= enough:
+        return math.inf if bound is None else bound.cost
+    lasts = np.diff(bound.times[: 2 * len(least)])[::2]  # starts and ends come first, in turns
+    loose = found.rates * (at_least + slopes * (lasts - least) - found.at_speed_s(lasts)) * ~short
+    i = int(loose.argmax())
+    if enough == -math.inf or loose[i] <= _LOOSE * bound.cost:
+        return bound.cost
+    two = 2 * float(found.ramps_s[i])
+    longer = events._replace(least_s=[*events.least_s[:i], two, *events.least_s[i + 1 :]])
+    shorter = (*most_s[:i], two, *most_s[i + 1 :])
+    return min(
+        _told_apart(longer, task, found, enough, most_s),
+        _told_apart(events, task, found, enough, shorter),
+    )
 
 
-def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
+def _phase_motions(
+    sequence: ModeSequence, task: BendingTask, boxes: int
+) -> list[PhaseMotions] | None:
     """Motions of each phase; None without a goal pose, or if nothing limits one of them."""
     steps, found = bend_steps(sequence, task, ()), list[PhaseMotions]()
     if task.pose is None or steps is None:
@@ -184,7 +207,9 @@ def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotio
     for i, step in enumerate(steps):
         if any(step.mode):
             room = _room(step.mode, step.before, task)
-            motions = task.pose.soft_phase(step.mode, step.before, (step.least, step.most), room)
+            motions = task.pose.soft_phase(
+                step.mode, step.before, (step.least, step.most), room, boxes
+            )
         else:
             motions = task.pose.rigid_phase(*_shapes(sequence, i, step.before, task))
         if motions is None:
@@ -222,8 +247,12 @@ def _linear_program_bound(
     program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}
-        for i, rate in enumerate(pose.rates.tolist()):
+        for i, (rate, most) in enumerate(
+            zip(pose.rates.tolist(), pose.ramps_s.tolist(), strict=True)
+        ):
             drives |= {layout.end(i): rate, layout.start(i): -rate}
+            if 0.0 < most < math.inf:
+                program.at_least({layout.end(i): -1.0, layout.start(i): 1.0}, -most)
         program.at_least(drives, pose.need)
     return program.optimum()
 

@@ -21,7 +21,6 @@ from twosra_mpc.planning.bounds.parts import bound_by_parts
 from twosra_mpc.planning.bounds.sequence_bound import (
     Events,
     SequenceBound,
-    moving_bound,
     pose_bound,
 )
 from twosra_mpc.planning.bounds.stage_bounds import StageBounds, StageRelaxation, Together, Way
@@ -29,9 +28,10 @@ from twosra_mpc.planning.search.nodes import InTheWay, Node, Stages, Whole
 from twosra_mpc.planning.search.stage_costs import NOTHING_YET, Alone, Past, SoFar, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, StartingStiffness, sequence_name
-from twosra_mpc.timing import TemporalNetwork, TransitionModel
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, resting_s
 
 _MANY = 16  # leaves that are bounded without asking how long plans move
+_RESTING = 0.9  # share of a bound in which nothing moves, from which on that is of no use
 
 
 @dataclass
@@ -146,14 +146,6 @@ class Leaves:
         network = timing.network(sequence, stage.settled(sequence), longer)
         return Events(timing.with_delays(network, longer), self.so_far.weights, longer)
 
-    def by_modes(self, whole: Whole, drives_s: Sequence[float]) -> float:
-        """Bound by how long plans move whose first stage has the modes of this one."""
-        stages, modes = self.variants[whole.variant], frozenset(whole.sequences[0])
-        if not self.ask_motion(whole, modes) or (task := stages[0].bend) is None:
-            return -math.inf
-        delayed = self._delayed(stages[0], whole.sequences[0], drives_s)
-        return moving_bound(delayed, task, self.moves_s(modes)) + self._later(whole)
-
     def first_is_forbidden(self, whole: Whole) -> bool:
         """True if the bends of the first stage's bound pass a forbidden shape."""
         task, first = self.variants[whole.variant][0].bend, whole.sequences[0]
@@ -201,8 +193,10 @@ class Leaves:
         task = self.variants[whole.variant][0].bend
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
-        moves_s = max(task.pose.known_s, 2 * sum(self.so_far.durations(whole)))
-        if moves_s > self.bounds[whole].cost or len(self.bounds) > _MANY:
+        lasts_s, cost = self.so_far.durations(whole), self.bounds[whole].cost
+        network = self.so_far.network(whole, self.last(whole), lasts_s)
+        long = max(task.pose.known_s, 2 * sum(lasts_s)) > cost
+        if long or (len(self.bounds) > _MANY and resting_s(network) < _RESTING * cost):
             self.ask_motion(whole, self.all_modes)
 
     def moves_s(self, modes: frozenset[Mode]) -> float:
@@ -427,15 +421,11 @@ class Tree(Generic[Solution]):
             drives_s.append(list(way.least_drives_s(sequence)))
         bound = self.bound(node) if self.leaves.motion_s else -math.inf
         bound = self.leaves.tighter(whole, drives_s, bound, enough)
-        if any(map(any, whole.joined)) and self._far(whole, bound, enough):
+        lacks = max(bound, self.leaves.bounds[whole].cost) < (1 - _MOVING) * enough
+        if lacks and any(map(any, whole.joined)):
             self.leaves.ask_motion(whole, self.leaves.all_modes)
             bound = max(bound, self.bound(node))
-            if self._far(whole, bound, enough):
-                bound = max(bound, self.leaves.by_modes(whole, drives_s[0]))
         return bound
-
-    def _far(self, whole: Whole, bound: float, enough: float) -> bool:
-        return max(bound, self.leaves.bounds[whole].cost) < (1 - _MOVING) * enough
 
     def solve(self, node: Node) -> Iterator[tuple[float, Solution] | None]:
         """Hand the sequences of all stages to the solver.
