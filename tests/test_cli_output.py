@@ -226,7 +226,7 @@ NARROW: list[list[str]] = [
     ["plan", "paper-2", "--timing", "paper"],
     ["plan", "blocked"],
     ["compare", "paper-2", "rigid-move"],
-    ["explain", "paper-2"],
+    ["explain", "shape-change"],
     ["simulate", "rigid-move"],
     ["check-robot", "2sra-v1"],
     ["fit-paths", "2sra-v1"],
