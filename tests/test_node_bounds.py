@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -14,12 +15,21 @@ from once import planned
 from problems import ROBOT, at, goal_tree, network_of, random_problem
 from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, thermal_problems
 
-from twosra_mpc import Problem, load_problem, plan
+from twosra_mpc import Problem, Status, load_problem, load_robot, plan
 from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.robot.modes import (
+    MODES,
+    RIGID,
+    SOFT_1,
+    SOFT_2,
+    SOFT_BOTH,
+    Mode,
+    ModeSequence,
+    all_modes,
+)
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import transition_model
 
@@ -152,3 +162,78 @@ def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
     cost += weights.transition_s * whole.transitions
     tree = goal_tree(problem)
     assert tree.bound(at(sequence[:cut])) <= cost + 1e-6
+
+
+FOUR = load_robot("3sra").with_values(
+    geometry=load_robot("3sra").geometry.with_values(segments=4, segment_length_m=(0.04,) * 4)
+)
+RIGID_4, *SOFT_4 = all_modes(4)
+
+
+def four_segments(seed: int, **asked: Any) -> Problem:
+    """A change of shape and pose of a robot of four segments, three of them alike at the start."""
+    rng = np.random.default_rng(seed)
+    pose = dict(zip(("x_m", "y_m", "phi_rad"), rng.uniform(-0.3, 0.3, 3).tolist(), strict=True))
+    start, goal = (tuple(kappa.tolist()) for kappa in rng.uniform(-20.0, 20.0, (2, 4)))
+    warm = {"temperature_C": (25.0, 25.0, 25.0, float(rng.choice([25.0, 50.0])))}
+    origin = dict.fromkeys(("x_m", "y_m", "phi_rad"), 0.0)
+    return Problem(
+        robot=FOUR,
+        start=origin | {"kappa_per_m": start} | warm,
+        goal=pose | {"kappa_per_m": goal},
+        **asked,
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_transitions_of_four_segments_are_cheaper_than_the_bound_of_their_beginning(
+    seed: int,
+) -> None:
+    problem, rng = four_segments(seed), np.random.default_rng(seed)
+    tree, timing, task = goal_tree(problem), transition_model(problem), bending_task(problem)
+    tried = 0
+    while tried < 10:
+        soft = [SOFT_4[i] for i in rng.permutation(len(SOFT_4))[: rng.integers(4, 6)]]
+        sequence = (RIGID_4, *soft, RIGID_4)
+        if unreachable_reason(sequence, task) is None:
+            network, tried = timing.network(sequence, RIGID_4, [0.0] * len(sequence)), tried + 1
+            beginnings = (sequence[:cut] for cut in range(1, len(sequence)))
+            assert max(map(tree.bound, map(at, beginnings))) <= earliest_finish(network) + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_segments_that_are_alike_take_the_same_times_whichever_of_them_changes(seed: int) -> None:
+    problem, rng = four_segments(seed), np.random.default_rng(seed)
+    timing = transition_model(problem)
+    for _ in range(10):
+        sequence = tuple(SOFT_4[i] for i in rng.integers(len(SOFT_4), size=4))
+        order = [*rng.permutation(3), 3]  # the last may be warm
+        other = tuple(tuple(mode[j] for j in order) for mode in sequence)
+        assert timing.ordered(sequence) == timing.ordered(other)
+        finish = [
+            earliest_finish(timing.network(each, RIGID_4, [0.0] * len(each)))
+            for each in (sequence, other)
+        ]
+        assert finish[0] == pytest.approx(finish[1], rel=1e-12)
+
+
+def test_modes_that_a_bend_lacks_are_as_few_as_suffice() -> None:
+    """Compared with every set of modes of three segments."""
+    problem = load_problem("three-segments")
+    stage, task = goal_tree(problem).variants[0][0], bending_task(problem)
+    sets = [
+        frozenset(some)
+        for count in range(8)
+        for some in itertools.combinations(all_modes(3)[1:], count)
+    ]
+    enough = [some for some in sets if unreachable_reason([*some], task) is None]
+    assert len(sets) > len(enough) > 1
+    for some in sets:
+        assert stage.lacks(some) == min(len(more - some) for more in enough)
+
+
+def test_four_segments_are_planned_with_little_work() -> None:
+    """There are 15 ** 8 sequences of soft modes: none of them is written down before it is due."""
+    result = plan(four_segments(1))
+    assert result.status is Status.OPTIMAL
+    assert result.stats.work < 500.0

@@ -46,7 +46,7 @@ from twosra_mpc.problem.problem import Problem, Risk
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING, forgiven
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import ModeSequence, mode_name
+from twosra_mpc.robot.modes import ModeSequence, all_modes, mode_name
 from twosra_mpc.timing import transition_model
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ _WORTH_S = 3.0  # better by less no plan is looked for in a run
 
 # Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _AT_ONCE, _LONG = 4, 30, 8, 2, 5
+_LEAPS = 500.0  # units of work that are spent to compare sequences of a stage
 
 
 @public
@@ -290,6 +291,7 @@ def _search(
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         incumbent=lambda: _drive(tree, problem.gap) if solver.in_the_way is None else (),
         look=lambda: _look(aimed, alone),
+        patience=len(all_modes(len(problem.robot.rigid))) ** 3,  # nodes of three levels
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
         confirm=confirm or _confirmed,
         worth=worth_s,
@@ -332,11 +334,17 @@ def _look(tree: Tree[Solved], alone: bool) -> tuple[float, Solved] | None:
     """The first of a few promising sequences of all stages; of a single stage the best of them."""
     few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _AT_ONCE if alone else _TRIES}
 
-    def short(node: Node) -> list[Node]:
-        leaps = tree.leaps(node)
-        return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
+    def many(node: Node) -> Iterator[Node]:
+        until = spent() + _LEAPS
+        return itertools.takewhile(lambda _: spent() < until, tree.leaps(node))
 
-    for children in (short, tree.leaps):
+    def short(node: Node) -> Iterator[Node]:
+        def is_short(leap: Node) -> bool:
+            return not leap.sequences or len(leap.sequences[-1]) < _LONG
+
+        return itertools.takewhile(is_short, many(node))
+
+    for children in (short, many):
         found = dive(tree, children, **few, out_of_time=out_of_effort)
         some = itertools.islice(found, None if alone else 1)
         if best := min(some, key=lambda each: each[0], default=None):

@@ -244,6 +244,11 @@ class Thermal(TransitionModel):
         problem = self.problem
         return thermal_start(self.plans, problem.start_states, self.first, problem.heaters_at_once)
 
+    @cached_property
+    def kinds(self) -> Sequence[int]:
+        known = [*zip(map(id, self.start.least), self.first, strict=True)]
+        return [known.index(each) for each in known]
+
     def coasts(self, liquid: Dwell, other: Dwell) -> bool:
         return self.start.coasts(liquid, other)
 

@@ -96,6 +96,16 @@ class TransitionModel(ABC):
         return self.problem.start_stiffness
 
     @property
+    def kinds(self) -> Sequence[int]:
+        """A number for each segment: those with the same one take the same times."""
+        return range(len(self.first))
+
+    def ordered(self, modes: ModeSequence) -> ModeSequence:
+        """Modes that take the same times, with segments that are alike in one order."""
+        rows = sorted(zip(self.kinds, *modes, strict=True))
+        return tuple(zip(*(row[1:] for row in rows), strict=True))
+
+    @property
     @abstractmethod
     def words(self) -> str:
         """The times in words, to complete "it holds for"."""

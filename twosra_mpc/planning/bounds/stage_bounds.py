@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.effort import once
 from twosra_mpc.planning.bounds.bends import (
     BendingTask,
     Intervals,
@@ -90,14 +91,14 @@ class StageBounds:
         return (self.rigid,) if drives else ()
 
     def sequences(self, begins: StartingStiffness) -> Iterator[ModeSequence]:
-        """Yield every sequence of up to ``most_phases`` phases from a stiffness on."""
+        """Yield every sequence of up to ``most_phases`` phases from a stiffness on, short first."""
         heads = [self.opening(begins)]
         for length in range(self.most_phases + 1):
             if length:
                 heads = [longer for head in heads for longer in self.longer(head, begins)]
             for head in heads:
                 whole = self.closed(head, begins)
-                if whole and len(whole) <= self.most_phases and self.misfit(whole) is None:
+                if whole and len(whole) <= self.most_phases and self.fits(whole):
                     yield whole
 
     def longer(self, head: ModeSequence, begins: StartingStiffness) -> Iterator[ModeSequence]:
@@ -118,9 +119,30 @@ class StageBounds:
 
     def misfit(self, sequence: ModeSequence) -> str | None:
         """Reason why a sequence cannot be one of this stage."""
-        if self.reshapes and not any(map(any, sequence)):
-            return "a task must reshape"
-        return None if self.bend is None else unreachable_reason(sequence, self.bend)
+        if self.fits(sequence):
+            return None
+        return (self.bend and unreachable_reason(sequence, self.bend)) or "a task must reshape"
+
+    def fits(self, sequence: ModeSequence) -> bool:
+        """True if a sequence may be one of this stage."""
+        soft = frozenset(filter(any, sequence))
+        return (bool(soft) or not self.reshapes) and self.suffice(soft)
+
+    @once
+    def suffice(self, modes: frozenset[Mode]) -> bool:
+        """True if nothing that these soft modes keep forbids the bend."""
+        return self.bend is None or unreachable_reason([*modes], self.bend) is None
+
+    @once
+    def lacks(self, modes: frozenset[Mode]) -> int:
+        """Number of soft modes that must follow these at least; 0 if the stage is impossible."""
+        if self.impossible or self.suffice(modes):
+            return 0
+        least = len(self.modes)
+        for mode in self.modes:
+            if least and any(mode) and mode not in modes:
+                least = min(least, self.lacks(modes | {mode}))
+        return 1 + least
 
     @cached_property
     def impossible(self) -> str | None:

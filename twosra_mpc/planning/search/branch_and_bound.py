@@ -23,7 +23,7 @@ Node = TypeVar("Node")
 Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
-_PATIENCE, _TRIED = 64, 16  # steps without a solution until it is looked for; a leaf counts more
+_TRIED = 16  # steps without a solution as which a leaf without one counts
 _ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
 
 
@@ -100,6 +100,7 @@ def branch_and_bound(
     on_progress: Callable[[float, float], None],
     incumbent: Callable[[], Iterable[tuple[float, Solution] | None]] = tuple,
     look: Callable[[], tuple[float, Solution] | None] = lambda: None,
+    patience: int = 64,
     proved: Callable[[float], float] = lambda bound: bound,
     confirm: Callable[[SearchResult[Solution]], SearchResult[Solution] | None] = lambda made: made,
     worth: float = 0.0,
@@ -115,6 +116,7 @@ def branch_and_bound(
         incumbent: Finds (cost, solution) of a leaf that is cheap to try, again and again as long as
             it is better; asked first.
         look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
+        patience: So many of them.
         proved: What the least bound of the tree proves of all solutions.
         confirm: Makes of an outcome with a solution what is returned; None where that is none
             after all: then the search goes on, with the incumbent before it.
@@ -124,7 +126,7 @@ def branch_and_bound(
     Raises:
         ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
-    search = _Search(tree, gap, proved, [lambda: (look(),), incumbent], worth)
+    search = _Search(tree, gap, proved, [lambda: (look(),), incumbent], worth, patience)
     if known < math.inf:
         search.looks, search.incumbents = [], [(known, None)]
     while True:
@@ -149,7 +151,7 @@ def _run(
                 if interrupts.requested:
                     break
                 tried = search.steps + _TRIED * search.solved
-                if not search.incumbents and tried > _PATIENCE:
+                if not search.incumbents and tried > search.patience:
                     search.look()
                 on_progress(search.cost, low := search.lower_bound)
                 if search.enough <= low:
@@ -230,9 +232,10 @@ class _Search(Generic[Node, Solution]):
         proved: Callable[[float], float],
         looks: list[Callable[[], Iterable[tuple[float, Solution] | None]]],
         worth: float,
+        patience: int,
     ) -> None:
         self.tree, self.gap, self.proved, self.looks = tree, gap, proved, looks
-        self.worth = worth
+        self.worth, self.patience = worth, patience
         self.order = itertools.count()
         root = tree.root()
         self.queue: list[_Entry[Node, Solution]] = [

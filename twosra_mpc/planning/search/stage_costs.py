@@ -103,14 +103,29 @@ class Alone:
                 return
             else:
                 for longer in stage.longer(head, begins):
-                    cost = self._moving_at_once(begins, longer, settled)
+                    cost = self.moving_at_once(begins, longer, settled)
                     heapq.heappush(heads, (max(least, cost), False, next(numbers), longer))
         yield from (Priced(cost, sequence) for cost, _, sequence in sorted(wholes))
 
-    @once
-    def _moving_at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode | None) -> float:
+    def moving_at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode | None) -> float:
         """Lower bound on what any stage adds with a sequence: motion takes no time in it."""
+        begins, *rest, last = self.timing.ordered((begins, *sequence, settled or sequence[-1]))
+        return self._at_once(begins, tuple(rest), last)
+
+    @once
+    def _at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode) -> float:
         return self.from_warm(begins, sequence, [0.0] * len(sequence), settled)
+
+    @once
+    def onward(self, stage: StageBounds, begins: Mode, count: int) -> float:
+        """Lower bound on what a stage adds after a phase with at least so many more phases."""
+        settled = stage.rigid if stage.last == stage.rigid else None
+        heads: list[tuple[float, ModeSequence]] = [(0.0, (begins,))]
+        while len((best := heapq.heappop(heads))[1]) <= count:
+            for longer in stage.longer(best[1], begins):
+                cost = self.moving_at_once(begins, longer[1:], settled)
+                heapq.heappush(heads, (cost, longer))
+        return best[0]
 
     def from_warm(
         self,
@@ -307,14 +322,10 @@ class SoFar:
             return times[network.layout.finish] + fixed_cost(network, self.weights) + onward
         network = self._settling(stage, whole)
         least = _least_time(network, durations, motion_s)
-        for j in missing:
-            longer = ((*whole, mode) for mode in stage.modes if mode[j])
-            first = [
-                _least_time(self._settling(stage, each), durations, motion_s)
-                for each in longer
-                if self.timing.refusal(each, stage.rigid) is None
-            ]
-            least = max(least, min(first, default=math.inf))
+        times = with_durations(network, durations).earliest
+        if times and (count := stage.lacks(frozenset(filter(any, whole[len(durations) :])))):
+            begun_s = times[network.layout.end(len(whole) - 1)]
+            least = max(least, begun_s + self.to_go.alone.onward(stage, whole[-1], count))
         return least + self._least_fixed_cost(stage, network, missing)
 
     @once
@@ -326,8 +337,13 @@ class SoFar:
         return min((each for each in found if each is not None), default=None)
 
     def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
-        charge(Cost.NETWORK, len(sequence))
         settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
+        *alike, settled = self.timing.ordered((*sequence, settled))
+        return self._network_of(tuple(alike), settled)
+
+    @once
+    def _network_of(self, sequence: ModeSequence, settled: Mode) -> TemporalNetwork:
+        charge(Cost.NETWORK, len(sequence))
         return self.timing.network(sequence, settled, [0.0] * len(sequence))
 
     def _least_fixed_cost(

@@ -320,14 +320,13 @@ class Tree(Generic[Solution]):
             found.insert(0, self.opened(node.variant, (*node.sequences, closed)))
         return found
 
-    def leaps(self, node: Node) -> list[Node]:
-        """The variants, or the stage that is open with each of its sequences."""
+    def leaps(self, node: Node) -> Iterator[Node]:
+        """Yield the variants, or the stage that is open with each of its sequences, short first."""
         if node.variant < 0:
-            return self.children(node)
-        if (opened := self.open_stage(node)) is None:
-            return []
-        sequences = opened[0].sequences(opened[1])
-        return [self.opened(node.variant, (*node.sequences, each)) for each in sequences]
+            yield from self.children(node)
+        elif (opened := self.open_stage(node)) is not None:
+            for each in opened[0].sequences(opened[1]):
+                yield self.opened(node.variant, (*node.sequences, each))
 
     def too_deep(self, node: Node) -> bool:
         """True if the open stage, or its shortest child, has more phases than are opened."""
