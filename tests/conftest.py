@@ -22,7 +22,9 @@ for _ending in ("SIGINT", "SIGHUP", "SIGQUIT"):  # what nohup or a shell's & ign
     if (number := getattr(signal, _ending, None)) and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, signal.default_int_handler if _ending == "SIGINT" else signal.SIG_DFL)
 
-settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
+# Few, for two cores; before a release: --hypothesis-profile=thorough.
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=10)
+settings.register_profile("thorough", deadline=None, max_examples=200)
 settings.load_profile("repeatable")
 
 

@@ -41,7 +41,7 @@ CORNERS = """scenario = "shape-change"
 "goal.kappa_per_m.0" = [20.0, 60.0]
 "goal.kappa_per_m.1" = [20.0, 60.0]
 """
-COUNT = 10
+COUNT = 8
 RANDOM = {"robot": "2sra-v1", "seed": 2, "count": COUNT}
 RANDOM |= {"position_m": 0.25, "heading_rad": 3.14, "curvature_per_m": 60.0}
 DRAWN = "[random]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in RANDOM.items())

@@ -175,7 +175,7 @@ def test_a_plan_costs_no_less_than_its_own_sequence(name: str) -> None:
     assert max(map(checker.node_bound, begun)) <= cost
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", range(1, 4))
 def test_no_plan_of_a_mission_costs_less_than_is_proved(seed: int) -> None:
     """Goals in a row, exact or wide, in any stiffness or one; every other time in any order."""
     rng = np.random.default_rng(seed)
@@ -209,7 +209,7 @@ def test_a_certificate_proves_nothing_of_another_mission() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "edits"), [("paper-1", 60), ("both soft", 10), ("pick-and-place", 40)]
+    ("name", "edits"), [("paper-1", 30), ("both soft", 10), ("pick-and-place", 40)]
 )
 def test_no_edit_proves_more(name: str, edits: int) -> None:
     """Rejected, or a bound that is true: no plan costs less than the best one known."""

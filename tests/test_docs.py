@@ -126,7 +126,7 @@ def blank(_: Plan, path: Path | None = None, __: Policy | None = None) -> Figure
 def cluster_here(_workers: int | None) -> Iterator[Client]:
     """A worker in this process, which need not import all that there is."""
     with (
-        LocalCluster(1, 1, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(1, 1, processes=False, dashboard_address=":0") as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
         yield client

@@ -482,7 +482,7 @@ def test_no_number_of_a_plan_is_changed_unnoticed(case: str, tmp_path: Path) -> 
     document = json.loads(json.dumps(document))
     path = tmp_path / "plan.json"
     assert problems_in(document, path) == ""
-    for name, edited in edits(document, random.Random(case), 6):
+    for name, edited in edits(document, random.Random(case), 4):
         assert problems_in(edited, path), name
 
 

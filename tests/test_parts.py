@@ -56,7 +56,7 @@ def parts_of(problem: Problem, sequence: ModeSequence) -> tuple[float, Array]:
     return found.cost, found.bends
 
 
-@pytest.mark.parametrize(("seed", "factor"), [(0, 1.0), (1, 30.0), (2, 3000.0), (5, 3000.0)])
+@pytest.mark.parametrize(("seed", "factor"), [(0, 1.0), (1, 30.0), (2, 3000.0)])
 def test_no_plan_costs_less_than_the_bound_by_parts(seed: int, factor: float) -> None:
     problem = exactly(random_problem(seed, faster_robot(factor)))
     task, rng, found = bending_task(problem), np.random.default_rng(seed), 0

@@ -142,7 +142,7 @@ def test_a_segment_follows_the_hand_as_near_as_it_can(name: str, end: str) -> No
 def test_a_map_has_the_plans_of_its_points_and_each_point_once() -> None:
     cells = list(goal_map(PAPER, ("kappa1", "kappa2"), (2, 3)))
     assert len({cell[:2] for cell in cells}) == len(cells) == 9
-    for cell in cells[::2]:
+    for cell in cells[::4]:
         there = moved(PAPER, ("kappa1", "kappa2"), cell[:2])
         if cell.status == "infeasible":
             with pytest.raises(InputError):

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft7Validator
-from once import cases
+from once import cases, planned
 
 from twosra_mpc import InputError, Problem, check_plan, load_problem, plan
 from twosra_mpc.checking.verification import verify
@@ -334,7 +334,7 @@ def test_a_task_of_ones_own_is_planned_checked_and_run(
     found = plan(problem)
     made = found.require()
     assert made.verification.ok
-    assert made.cost.total > plan(bent).require().cost.total
+    assert made.cost.total > planned("paper-1").cost.total
     (done_s,) = made.trajectory.done_s
     (q,) = made.trajectory.configuration([done_s])
     assert np.abs(q[3:]).max() <= 0.5 + 1e-6
@@ -373,7 +373,7 @@ def test_a_task_that_waits_is_planned_checked_drawn_and_run(
     before_s, done_s = made.trajectory.done_s
     assert done_s - before_s >= 60.0
     assert made.lower_bound is not None
-    assert made.lower_bound > 60.0 + plan(there).require().cost.total / 2
+    assert made.lower_bound > 60.0 + planned("paper-4").cost.total / 2
     waiting = made.trajectory.at(np.linspace(before_s, done_s, 50))
     assert not waiting.mode.any()
     assert np.ptp(waiting.q[1:], axis=0) == pytest.approx(0.0)
