@@ -23,6 +23,7 @@ from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import swept, touched_in, uncertain_m
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.lab.schema import json_schema
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import carried
@@ -31,7 +32,6 @@ from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.world import Object
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.schema import json_schema
 
 GEOMETRY = load_robot("2sra-v1").geometry
 

@@ -217,7 +217,8 @@ def test_after_no_history_does_a_stage_add_less_than_is_counted(values: dict[str
         sequences = list(stages[0].sequences(begins))
         sequence = sequences[rng.integers(len(sequences))]
         lasting = rng.uniform(0.0, 40.0, len(sequence)) * rng.integers(0, 2)
-        counted = Alone(timing).from_warm(begins, sequence, lasting.tolist())
+        modes = (begins, *sequence, sequence[-1])
+        counted = Alone(timing).from_warm(modes, tuple(lasting.tolist()))
         before = history(rng, begins)
         whole = (*before, *sequence)
         network = timing.network(whole, sequence[-1], [0.0] * len(whole))

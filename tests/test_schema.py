@@ -16,10 +16,10 @@ from test_problem import ROBOT, SCENARIO, changed, without
 
 from twosra_mpc import InputError, Result, robot_names, scenario_names
 from twosra_mpc.keys import describe
+from twosra_mpc.lab.schema import Subject, json_schema
 from twosra_mpc.plans.result import PlanDocument
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.schema import Subject, json_schema
 
 Schema = dict[str, Any]
 VALIDATORS = {subject: Draft7Validator(json_schema(subject)) for subject in get_args(Subject)}

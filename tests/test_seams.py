@@ -71,8 +71,8 @@ ALLOWED = {
     "IPython": ("lab/studio/server.py",),
     "rich": ("cli/", "lab/commands/"),
     "pydantic": (
-        *("validation.py", "schema.py", "robot/", "problem/", "plans/result.py"),
-        "lab/batch/",
+        *("validation.py", "robot/", "problem/", "plans/result.py"),
+        *("lab/batch/", "lab/schema.py"),
         "execution/tracking/setup.py",
     ),
     "pydantic_core": ("validation.py",),
@@ -117,7 +117,6 @@ STAGES = [
     ("planning/bounds/",),
     ("planning/search/",),
     ("plans/",),
-    ("schema.py",),
     ("checking/",),
     ("planning/stages/",),
     ("planning/solver/",),
@@ -348,10 +347,13 @@ def test_the_top_level_stays_small() -> None:
 # 25 end looks once they are decided. 230 prove how long fast metal moves by one function of heading
 # and shape; 50 keep what is pushed within its cone and tell what bend a cusp may be; 35 know how
 # firmly wheels hold a bend, so that no sensor is blamed for a shape that nothing bends.
-MOST_CORE_LINES, MOST_CORE_FILES = 29_831, 200
-MOST_LINES = 39_536
-MOST_LINES_OF_TESTS = 32_666
-MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 47  # paper-1, planned once before
+# 90 prove the motion of each phase by functions of its own, with the ramps of drives and bends; 50
+# and 60 of tests judge unequal bends at rest, close hands within the accuracy, and know what a
+# distance may be off by; 15 and 65 of tests plan four segments in a fraction of a second.
+MOST_CORE_LINES, MOST_CORE_FILES = 29_858, 199
+MOST_LINES = 39_393
+MOST_LINES_OF_TESTS = 32_796
+MOST_FUNCTIONS_OF_A_PLAN, MOST_MODULES_OF_A_PLAN = 300, 46  # paper-1, planned once before
 
 
 def code_lines(path: Path) -> int:

@@ -21,13 +21,13 @@ from twosra_mpc import InputError, Problem, check_plan, load_problem, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.execution import Ending
 from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.lab.schema import json_schema
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Stage, Task
 from twosra_mpc.problem.world import Object, area_m2, read_outline
 from twosra_mpc.robot.coordinates import composed, inverse, wrapped
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.schema import json_schema
 
 START = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
 GOAL = {"x_m": 0.3, "y_m": 0.0}

@@ -13,6 +13,7 @@ from twosra_mpc.errors import TwosraError as TwosraError
 from twosra_mpc.installation import __version__ as __version__
 from twosra_mpc.lab.analysis.explanation import Explanation as Explanation
 from twosra_mpc.lab.analysis.explanation import explain as explain
+from twosra_mpc.lab.schema import json_schema as json_schema
 from twosra_mpc.model.kinematics import Kinematics as Kinematics
 from twosra_mpc.model.kinematics import kinematics as kinematics
 from twosra_mpc.model.outline import RobotShape as RobotShape
@@ -56,4 +57,3 @@ from twosra_mpc.robot.description import load_robot as load_robot
 from twosra_mpc.robot.description import robot_names as robot_names
 from twosra_mpc.robot.description import with_path_model as with_path_model
 from twosra_mpc.robot.modes import Mode as Mode
-from twosra_mpc.schema import json_schema as json_schema

@@ -1,8 +1,7 @@
-"""Commands that describe robots and problems: their lists, new files, and schemas of files."""
+"""Commands that describe robots and problems: their lists, and new files."""
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 from pathlib import Path
@@ -148,27 +147,3 @@ def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
         return [f"twosra plan {file} --out {plan}", f"twosra verify {plan}"]
     scenario = "three-segments" if source == "3sra" else "rigid-move"
     return [f"twosra check-robot {file}", f"twosra plan {scenario} --robot {file}"]
-
-
-@command("schema")
-def schema_command(
-    subject: Annotated[Literal["scenario", "robot", "plan"], argument()], output: Output
-) -> None:
-    """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
-
-    \b
-    Completion and checking while you type, in VS Code with the extension "Even Better TOML":
-      twosra schema scenario > scenario.schema.json
-    and then, as the first line of your scenario:
-      #:schema ./scenario.schema.json
-    The same for robots:
-      twosra schema robot > robot.schema.json
-    For programs that read plans:
-      twosra schema plan > plan.schema.json
-
-    For scenarios and plans in JSON, VS Code takes the file in its setting "json.schemas".
-    """
-    from twosra_mpc.schema import json_schema  # the other commands need none of what it describes
-
-    schema = json_schema(subject)
-    output.report(lambda: schema, lambda: click.echo(json.dumps(schema, indent=2)))

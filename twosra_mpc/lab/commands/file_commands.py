@@ -1,11 +1,14 @@
-"""``twosra export``, ``twosra report`` and ``twosra import-map``: files of other programs."""
+"""Commands about files for other programs: exports, reports, maps, schemas."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from twosra_mpc import Robot, load_problem, load_robot, scenario_names
+import click
+
+from twosra_mpc import Robot, json_schema, load_problem, load_robot, scenario_names
 from twosra_mpc.checking.plan_file import checked_text
 from twosra_mpc.cli import options
 from twosra_mpc.cli.options import Finite, argument, command, ending, option, written
@@ -168,3 +171,25 @@ def import_map_command(
         "specks_left_out": specks,
     }
     output.record((map_file.name, "what was found"), record)
+
+
+@command("schema")
+def schema_command(
+    subject: Annotated[Literal["scenario", "robot", "plan"], argument()], output: Output
+) -> None:
+    """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
+
+    \b
+    Completion and checking while you type, in VS Code with the extension "Even Better TOML":
+      twosra schema scenario > scenario.schema.json
+    and then, as the first line of your scenario:
+      #:schema ./scenario.schema.json
+    The same for robots:
+      twosra schema robot > robot.schema.json
+    For programs that read plans:
+      twosra schema plan > plan.schema.json
+
+    For scenarios and plans in JSON, VS Code takes the file in its setting "json.schemas".
+    """
+    schema = json_schema(subject)
+    output.report(lambda: schema, lambda: click.echo(json.dumps(schema, indent=2)))

@@ -62,10 +62,9 @@ class Alone:
         """Least that a stage adds with a sequence, whatever came before it."""
         key = stage.alike, begins, sequence
         if key not in self._costs:
-            durations, settled = self.durations(stage, sequence), stage.settled(sequence)
-            self._costs[key] = max(
-                stage.least_s, self.from_warm(begins, sequence, durations, settled)
-            )
+            modes = (begins, *sequence, stage.settled(sequence))
+            warm_s = self.from_warm(modes, tuple(self.durations(stage, sequence)))
+            self._costs[key] = max(stage.least_s, warm_s)
         return self._costs[key]
 
     def cheapest_first(self, stage: StageBounds, begins: Mode) -> Iterator[Priced]:
@@ -103,18 +102,10 @@ class Alone:
                 return
             else:
                 for longer in stage.longer(head, begins):
-                    cost = self.moving_at_once(begins, longer, settled)
-                    heapq.heappush(heads, (max(least, cost), False, next(numbers), longer))
+                    modes = self.timing.ordered((begins, *longer, settled or longer[-1]))
+                    cost = max(least, self.from_warm(modes))
+                    heapq.heappush(heads, (cost, False, next(numbers), longer))
         yield from (Priced(cost, sequence) for cost, _, sequence in sorted(wholes))
-
-    def moving_at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode | None) -> float:
-        """Lower bound on what any stage adds with a sequence: motion takes no time in it."""
-        begins, *rest, last = self.timing.ordered((begins, *sequence, settled or sequence[-1]))
-        return self._at_once(begins, tuple(rest), last)
-
-    @once
-    def _at_once(self, begins: Mode, sequence: ModeSequence, settled: Mode) -> float:
-        return self.from_warm(begins, sequence, [0.0] * len(sequence), settled)
 
     @once
     def onward(self, stage: StageBounds, begins: Mode, count: int) -> float:
@@ -123,18 +114,19 @@ class Alone:
         heads: list[tuple[float, ModeSequence]] = [(0.0, (begins,))]
         while len((best := heapq.heappop(heads))[1]) <= count:
             for longer in stage.longer(best[1], begins):
-                cost = self.moving_at_once(begins, longer[1:], settled)
-                heapq.heappush(heads, (cost, longer))
+                modes = self.timing.ordered((*longer, settled or longer[-1]))
+                heapq.heappush(heads, (self.from_warm(modes), longer))
         return best[0]
 
-    def from_warm(
-        self,
-        begins: Mode,
-        sequence: ModeSequence,
-        durations: Sequence[float],
-        settled: Mode | None = None,
-    ) -> float:
-        """Longest path of a sequence from its beginning, all segments as warm as can be."""
+    @once
+    def from_warm(self, modes: ModeSequence, durations: tuple[float, ...] = ()) -> float:
+        """Longest path of a sequence from its beginning, all segments as warm as can be.
+
+        Args:
+            modes: The stiffness before it, its modes, the stiffness after it.
+            durations: Least durations of its phases [s]; they take no time if left out.
+        """
+        begins, *sequence, settled = modes
         if not sequence or not all(map(math.isfinite, durations)):
             return 0.0 if not sequence else math.inf
         rigid = rigid_mode(len(begins))
@@ -144,9 +136,9 @@ class Alone:
         before = (*itertools.chain.from_iterable(cycles), rigid)
         before = before if begins == rigid else (*before, begins)
         whole = (*before, *sequence)
-        lasting = [*[0.0] * len(before), *durations]
+        lasting = [*[0.0] * len(before), *(durations or [0.0] * len(sequence))]
         charge(Cost.NETWORK, len(whole))
-        network = self.timing.network(whole, settled or sequence[-1], [0.0] * len(whole))
+        network = self.timing.network(whole, settled, [0.0] * len(whole))
         begin = network.layout.origin, network.layout.end(len(before) - 1)
         late = replace(network, least={**network.least, begin: _LATE_S})
         times = with_durations(late, lasting).earliest
@@ -320,10 +312,15 @@ class SoFar:
             times = with_durations(network, durations).earliest
             assert times is not None, "what is not refused has a schedule"
             return times[network.layout.finish] + fixed_cost(network, self.weights) + onward
-        network = self._settling(stage, whole)
-        least = _least_time(network, durations, motion_s)
+        settled = stage.rigid if stage.last == stage.rigid else whole[-1]
+        network = self._settling(self.timing.ordered((*whole, settled)))
         times = with_durations(network, durations).earliest
-        if times and (count := stage.lacks(frozenset(filter(any, whole[len(durations) :])))):
+        if times is None:
+            return math.inf
+        least = times[network.layout.finish]  # every completion makes these transitions too
+        if motion_s:  # none of this is on the plateau of a melt or a freeze
+            least = max(least, motion_s + resting_s(network))
+        if count := stage.lacks(frozenset(filter(any, whole[len(durations) :]))):
             begun_s = times[network.layout.end(len(whole) - 1)]
             least = max(least, begun_s + self.to_go.alone.onward(stage, whole[-1], count))
         return least + self._least_fixed_cost(stage, network, missing)
@@ -336,15 +333,11 @@ class SoFar:
         found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
         return min((each for each in found if each is not None), default=None)
 
-    def _settling(self, stage: StageBounds, sequence: ModeSequence) -> TemporalNetwork:
-        settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
-        *alike, settled = self.timing.ordered((*sequence, settled))
-        return self._network_of(tuple(alike), settled)
-
     @once
-    def _network_of(self, sequence: ModeSequence, settled: Mode) -> TemporalNetwork:
-        charge(Cost.NETWORK, len(sequence))
-        return self.timing.network(sequence, settled, [0.0] * len(sequence))
+    def _settling(self, modes: ModeSequence) -> TemporalNetwork:
+        """Network of modes, the last of which is the stiffness after them."""
+        charge(Cost.NETWORK, len(modes) - 1)
+        return self.timing.network(modes[:-1], modes[-1], [0.0] * (len(modes) - 1))
 
     def _least_fixed_cost(
         self, stage: StageBounds, network: TemporalNetwork, missing: list[int]
@@ -357,20 +350,3 @@ class SoFar:
             cost += self.weights.energy_s_per_J * melt.melt_energy_J
             cost += self.weights.transition_s * (1 + (last is not None and last[j] == 0))
         return cost
-
-
-def _least_time(
-    network: TemporalNetwork, durations: Sequence[float], motion_s: float | None
-) -> float:
-    """Duration of the transitions of a sequence, which every completion has to make too.
-
-    And of the motion of every plan, while none of them is on its plateau, if that is known.
-
-    Completions of a node append phases. Those before the melt of a segment that was solid so
-    far delay it, and the freeze after it; the other segment has to freeze in any case.
-    """
-    times = with_durations(network, durations).earliest
-    if times is None:
-        return math.inf
-    least = times[network.layout.finish]
-    return max(least, motion_s + resting_s(network)) if motion_s else least
