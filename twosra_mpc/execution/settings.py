@@ -75,9 +75,7 @@ class Patience(Value):
     corridor_rad: Positive = 1.0
     stiff_per_m: Positive = 5.0
     stop_m: Positive = 0.002
-    stop_deviations: Positive = (
-        3.0  # in all 8 mm in rigid drives, 11 in soft ones at `moderate` at most
-    )
+    stop_deviations: Positive = 3.0  # in all 8 to 11 mm at `moderate`, at most
     narrow_m: Positive = 0.02
     listen_s: Positive = 5.0  # five reports of the follow-up robot
     silent_s: Positive = 5.0  # five reports missed
