@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,40 +105,36 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     return Program(objective, bounds).optimum(rows, limits)
 
 
-@dataclass
 class Program:
     """A linear program to which rows are added; the simplex method goes on where it was."""
 
-    objective: Array
-    bounds: Bounds
-    _solver: Any = None
-    _size: int = _LEAST
+    def __init__(self, objective: Array, bounds: Bounds) -> None:
+        """With no rows yet; arguments as ``minimise`` has them."""
+        self._highspy, self._size = _quiet_highspy(), _LEAST + len(objective)
+        ends = np.array([(a, b) for a, b in bounds], dtype=float)
+        program = self._highspy.HighsLp()
+        program.num_col_, program.col_cost_ = len(objective), objective
+        program.col_lower_, program.col_upper_ = np.where(
+            np.isnan(ends), (-np.inf, np.inf), ends
+        ).T.copy()
+        self._solver = self._highspy.Highs()
+        self._solver.setOptionValue("output_flag", False)
+        self._solver.setOptionValue("threads", 1)
+        self._solver.setOptionValue("simplex_iteration_limit", _STEPS)
+        self._solver.passModel(program)
 
     def optimum(self, rows: Array | Rows, limits: Array) -> Optimum | None:
         """The least ``objective . x`` with ``rows @ x <= limits`` too, as in ``minimise``."""
         self._size += len(limits)
-        charge(Cost.LINEAR_PROGRAM, self._size + len(self.objective))
-        highspy = _quiet_highspy()
-        if self._solver is None:
-            ends = np.array([(a, b) for a, b in self.bounds], dtype=float)
-            program = highspy.HighsLp()
-            program.num_col_, program.col_cost_ = len(self.objective), self.objective
-            program.col_lower_, program.col_upper_ = np.where(
-                np.isnan(ends), (-np.inf, np.inf), ends
-            ).T.copy()
-            self._solver = highspy.Highs()
-            self._solver.setOptionValue("output_flag", False)
-            self._solver.setOptionValue("threads", 1)
-            self._solver.setOptionValue("simplex_iteration_limit", _STEPS)
-            self._solver.passModel(program)
+        charge(Cost.LINEAR_PROGRAM, self._size)
         starts, columns, values = rows if isinstance(rows, Rows) else Rows.of(rows)
         none, (first, where) = np.full(len(limits), -np.inf), map(np.int32, (starts[:-1], columns))
         self._solver.addRows(len(limits), none, limits, len(values), first, where, values)
         self._solver.run()
-        status = self._solver.getModelStatus()
-        if status == highspy.HighsModelStatus.kInfeasible:
+        status, known = self._solver.getModelStatus(), self._highspy.HighsModelStatus
+        if status == known.kInfeasible:
             return None
-        if status != highspy.HighsModelStatus.kOptimal:
+        if status != known.kOptimal:
             words = self._solver.modelStatusToString(status)
             raise ArithmeticError(f"linear program without optimum: {words}")
         found = self._solver.getSolution()

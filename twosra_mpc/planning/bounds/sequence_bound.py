@@ -178,7 +178,7 @@ def _told_apart(
     rates = found.rates * slopes
     need = found.need - float(found.rates @ at_least - rates @ least)
     try:
-        bound = _linear_program_bound(events, task, PoseConstraint(rates, need, most))
+        bound = _linear_program_bound(events, task, _Lasting(rates, need, most))
     except ArithmeticError:  # the solver gave up: nothing is proved
         return -math.inf
     if bound is None or bound.cost >= enough:
@@ -186,7 +186,7 @@ def _told_apart(
     lasts = np.diff(bound.times[: 2 * len(least)])[::2]  # starts and ends come first, in turns
     loose = found.rates * (at_least + slopes * (lasts - least) - found.at_speed_s(lasts)) * ~short
     i = int(loose.argmax())
-    if enough == -math.inf or loose[i] <= _LOOSE * bound.cost:
+    if loose[i] <= _LOOSE * bound.cost:
         return bound.cost
     two = 2 * float(found.ramps_s[i])
     longer = events._replace(least_s=[*events.least_s[:i], two, *events.least_s[i + 1 :]])
@@ -238,22 +238,28 @@ def _shapes(
     return low, high
 
 
+class _Lasting(NamedTuple):
+    """sum of rates[i] (duration of phase i) >= need; and none lasts longer than most_s[i] [s]."""
+
+    rates: Array
+    need: float
+    most_s: Array
+
+
 def _linear_program_bound(
-    events: Events, task: BendingTask, pose: PoseConstraint | None = None
+    events: Events, task: BendingTask, lasting: _Lasting | None = None
 ) -> SequenceBound | None:
     rows, layout = bend_rows(events.network.sequence, task, events.weights), events.network.layout
     program = Relaxation(events, rows.rates, rows.efforts)
     program.bend(events.network.sequence, task, rows)
     program.weigh_efforts()
-    if pose is not None:
+    if lasting is not None:
         drives: dict[int, float] = {}
-        for i, (rate, most) in enumerate(
-            zip(pose.rates.tolist(), pose.ramps_s.tolist(), strict=True)
-        ):
+        for i, rate in enumerate(lasting.rates.tolist()):
             drives |= {layout.end(i): rate, layout.start(i): -rate}
-            if 0.0 < most < math.inf:
-                program.at_least({layout.end(i): -1.0, layout.start(i): 1.0}, -most)
-        program.at_least(drives, pose.need)
+        for i in np.flatnonzero(lasting.most_s < math.inf).tolist():
+            program.at_least({layout.end(i): -1.0, layout.start(i): 1.0}, -lasting.most_s[i])
+        program.at_least(drives, lasting.need)
     return program.optimum()
 
 

@@ -130,19 +130,14 @@ class StageBounds:
 
     @once
     def lacks(self, modes: frozenset[Mode]) -> int:
-        """Number of soft modes that must follow these at least; 0 if the stage is impossible."""
-        if self.impossible or not self.unreachable(modes):
+        """Number of soft modes that must follow these at least, of a stage that is possible."""
+        if not self.unreachable(modes):
             return 0
         least = len(self.modes)
         for mode in self.modes:
             if least and any(mode) and mode not in modes:
                 least = min(least, self.lacks(modes | {mode}))
         return 1 + least
-
-    @property
-    def impossible(self) -> str | None:
-        """Reason why no sequence of its modes brings about the bend, if none does."""
-        return self.unreachable(frozenset(self.modes))
 
     def settled(self, sequence: ModeSequence) -> Mode:
         """Stiffness after a sequence of it."""

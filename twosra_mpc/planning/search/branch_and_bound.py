@@ -115,8 +115,8 @@ def branch_and_bound(
         on_progress: Told (incumbent cost, lower bound) before every node.
         incumbent: Finds (cost, solution) of a leaf that is cheap to try, again and again as long as
             it is better; asked first.
-        look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
-        patience: So many of them.
+        look: Finds (cost, solution) of a leaf, if it can.
+        patience: Steps without a solution until ``look`` is asked.
         proved: What the least bound of the tree proves of all solutions.
         confirm: Makes of an outcome with a solution what is returned; None where that is none
             after all: then the search goes on, with the incumbent before it.

@@ -194,9 +194,11 @@ class Leaves:
         if task is None or task.pose is None or not any(map(any, whole.joined)):
             return
         lasts_s, cost = self.so_far.durations(whole), self.bounds[whole].cost
-        network = self.so_far.network(whole, self.last(whole), lasts_s)
-        long = max(task.pose.known_s, 2 * sum(lasts_s)) > cost
-        if long or (len(self.bounds) > _MANY and resting_s(network) < _RESTING * cost):
+        asked = max(task.pose.known_s, 2 * sum(lasts_s)) > cost
+        if not asked and len(self.bounds) > _MANY:
+            network = self.so_far.network(whole, self.last(whole), lasts_s)
+            asked = resting_s(network) < _RESTING * cost
+        if asked:
             self.ask_motion(whole, self.all_modes)
 
     def moves_s(self, modes: frozenset[Mode]) -> float:
@@ -352,8 +354,8 @@ class Tree(Generic[Solution]):
             return past.cost
         stage, begins = opened
         whole, done = (*past.phases, *node.head), len(node.sequences)
-        reason = self.in_the_way[node.variant][done].blocks(None) or stage.impossible
-        if reason is not None:
+        reason = self.in_the_way[node.variant][done].blocks(None)
+        if (reason := reason or stage.unreachable(frozenset(stage.modes))) is not None:
             return self._infeasible(whole, reason)
         to_go = self.leaves.so_far.to_go
         if done and node.head == stage.opening(begins):
